@@ -1,0 +1,26 @@
+# make demo: two runs of the underdamped axis, with and without impulses. make test: all tests.
+# A sourced ROS 2 Jazzy is used where there is one; else rclpy comes from PyPI (extra "ros").
+PYTHON ?= python3
+VENV ?= .venv
+RUN := $(VENV)/bin
+EXTRAS := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo test || echo ros,test)
+
+.PHONY: demo test check bench clean
+
+$(VENV)/.installed: setup.py pyproject.toml setup.cfg
+	$(PYTHON) -m venv $(if $(findstring ros,$(EXTRAS)),,--system-site-packages) $(VENV)
+	$(RUN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+	touch $@
+
+demo: $(VENV)/.installed
+	$(RUN)/python -m impulse_control_ros.tools.demo
+
+test: $(VENV)/.installed check
+	$(RUN)/python -m pytest
+
+check: $(VENV)/.installed
+	$(RUN)/ruff check .
+	$(RUN)/mypy
+
+clean:
+	rm -rf $(VENV) build install log runs

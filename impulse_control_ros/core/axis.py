@@ -1,0 +1,128 @@
+"""
+The controlled axis (3) with Coulomb friction, stepped exactly over one zero-order-hold sample.
+
+    m x'' + d x' + F_c sign(x') = u
+
+==========  ==============  =======  ==========================================
+symbol      name            unit     meaning
+==========  ==============  =======  ==========================================
+m           m               kg       moving mass
+F_c         F_c             N        Coulomb friction (section IV-C)
+d           d               N s/m    damping, constant within the sample
+u           effort          N        effort, constant within the sample
+x, x'       position, v...  m, m/s   state
+dt          time_step       s        length of the sample
+==========  ==============  =======  ==========================================
+
+With ``u`` and ``d`` held, the motion in one direction has a closed form: with z = d t / m and
+a = (u - F_c s - d v) / m the acceleration at the start of the motion in direction s,
+
+    v(t) = v + a t phi1(z),    x(t) = x + v t + a t^2 phi2(z),
+    phi1(z) = (1 - exp(-z)) / z,    phi2(z) = (z - 1 + exp(-z)) / z^2.
+
+It vanishes at t = -log1p(d v / (m a)) m / d: the stop is an instant, found, not stepped over.
+There the axis stays when abs(u) <= F_c (it sticks), and else moves on in the direction of u.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numba
+import numpy as np
+
+from impulse_control_ros.core.damping import Damping, DAMPING, damping_at
+from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.tick import nanoseconds
+
+AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
+# effort and damping of a state are those that acted over the sample that led to it.
+STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
+                  ('damping', 'f8'), ('noise', 'f8')])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis(Parameters):
+    """The axis and its start (Table I, section IV)."""
+
+    m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
+    F_c: float = parameter(0.0, 'N', 'Coulomb friction force', lower=0.0)
+    x_0: float = parameter(0.5, 'm', 'position at the start and after a reset')
+    v_0: float = parameter(0.0, 'm/s', 'velocity at the start and after a reset')
+    time_step: float = parameter(
+        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
+        read_only=True)
+    damping: Damping = parameter(Damping(), '', 'damping profile d(t) (1)')
+
+    def check(self) -> None:
+        """Stamps are integers: the sampling period is a whole number of nanoseconds."""
+        nanoseconds(self.time_step, 'time_step')
+
+    def packed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""
+        axis = np.array([(self.m, self.F_c, self.time_step)], AXIS)
+        return axis, self.damping.packed(self.time_step)
+
+    def start(self) -> np.ndarray:
+        """Return the state at tick 0, shape (1,), dtype STATE; nothing has acted on it yet."""
+        state = np.zeros(1, STATE)
+        state['position'], state['velocity'] = self.x_0, self.v_0
+        return state
+
+
+@numba.njit(cache=True)
+def phi2(z):
+    """(z - 1 + exp(-z)) / z^2; the series below 1e-2 is exact to the last bits, and faster."""
+    if z < 1e-2:
+        return 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
+    return (z + math.expm1(-z)) / (z * z)
+
+
+@numba.njit(cache=True)
+def moved(position, velocity, acceleration, rate, duration):
+    """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
+    z = rate * duration
+    shape = phi2(z)
+    return (position + velocity * duration + acceleration * duration * duration * shape,
+            velocity + acceleration * duration * (1.0 - z * shape))
+
+
+@numba.njit(cache=True)
+def axis_step(position, velocity, effort, damping, m, friction, duration):
+    """
+    Step the axis exactly over ``duration`` seconds of constant effort and damping.
+
+    Scalars in SI units; returns (position, velocity) at the end. A velocity of exactly zero
+    means that the axis stands.
+    """
+    rate = damping / m
+    if velocity != 0.0:
+        direction = 1.0 if velocity > 0.0 else -1.0
+        acceleration = (effort - friction * direction - damping * velocity) / m
+        x, v = moved(position, velocity, acceleration, rate, duration)
+        if v * direction > 0.0:
+            return x, v
+        # Here the motion stops within the sample; only a decelerated one can.
+        stop = -math.log1p(rate * velocity / acceleration) / rate
+        stop = min(max(stop, 0.0), duration)
+        position, _ = moved(position, velocity, acceleration, rate, stop)
+        duration -= stop
+    if abs(effort) <= friction:
+        return position, 0.0
+    push = effort - friction if effort > 0.0 else effort + friction
+    return moved(position, 0.0, push / m, rate, duration)
+
+
+@numba.njit(cache=True)
+def step_state(axis, damping, state, effort):
+    """Advance the record ``state`` by one sample under ``effort`` [N], in place."""
+    damping_at(damping, state)
+    state.position, state.velocity = axis_step(
+        state.position, state.velocity, effort, state.damping, axis.m, axis.F_c, axis.time_step)
+    state.effort = effort
+    state.tick += 1
+
+
+@numba.njit(cache=True)
+def plant_step(axis, damping, state, effort):
+    """Do `step_state` on arrays of shape (1,): the form the plant node calls."""
+    step_state(axis[0], damping[0], state[0], effort)

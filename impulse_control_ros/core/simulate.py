@@ -1,0 +1,81 @@
+"""
+Close plant and controller offline: the same kernels, and so the same bits, as the nodes.
+
+At sample k the controller answers state k with effort k, which acts over [t_k, t_k+1).
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from impulse_control_ros.core.axis import Axis, step_state
+from impulse_control_ros.core.impulse import ANSWER, answer_sample, Controller, fresh_memory
+from impulse_control_ros.core.parameter import refusal
+from impulse_control_ros.core.tick import ticks
+
+EVENT = np.dtype([('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
+                  ('area', 'f8')])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """
+    A run of n steps.
+
+    ``time`` [s], ``position`` [m], ``velocity`` [m/s] and ``effort`` [N], the command that
+    answers each state, have shape (n + 1,); ``damping`` [N s/m], which acts over the sample
+    that starts at each state, has shape (n,); ``events`` has dtype EVENT, one row an impulse.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    damping: np.ndarray
+    events: np.ndarray
+
+
+@numba.njit(cache=True)
+def closed_loop(axis, damping, state, gains, memory, states, efforts, events):
+    """Fill ``states`` (n + 1,) and ``efforts`` (n + 1,); return the number of ``events``."""
+    answer = np.zeros(1, ANSWER)[0]
+    count = 0
+    for k in range(len(efforts)):
+        states[k] = state[0]
+        answer_sample(memory[0], gains[0], state[0].position, state[0].velocity, answer)
+        efforts[k] = answer.effort
+        if answer.guard:
+            event = events[count]
+            event.tick, event.guard, event.area = k, answer.guard, answer.area
+            event.position, event.velocity = state[0].position, state[0].velocity
+            count += 1
+        if k + 1 < len(efforts):
+            step_state(axis[0], damping[0], state[0], answer.effort)
+    return count
+
+
+def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
+    """
+    Run the closed loop for ``duration`` seconds from the axis' start.
+
+    Raises `ParameterError` when the two disagree about the time step or the duration is not
+    positive.
+    """
+    if axis.time_step != controller.time_step:
+        raise refusal('time_step', controller.time_step,
+                      f'that of the axis, {axis.time_step:g} [s]')
+    steps = ticks(duration, axis.time_step)
+    if not steps > 0:
+        raise refusal('duration', duration, f'> {axis.time_step:g} [s]')
+    plant, damping = axis.packed()
+    state = axis.start()
+    states = np.zeros(steps + 1, state.dtype)
+    efforts = np.zeros(steps + 1)
+    events = np.zeros(steps + 1, EVENT)
+    count = closed_loop(plant, damping, state, controller.packed(), fresh_memory(), states,
+                        efforts, events)
+    return Run(
+        time=np.arange(steps + 1) * axis.time_step, position=states['position'].copy(),
+        velocity=states['velocity'].copy(), effort=efforts,
+        damping=states['damping'][1:].copy(), events=events[:count].copy())

@@ -1,0 +1,1 @@
+"""The only room that opens files: parameter files and bags. No rclpy."""

@@ -1,0 +1,272 @@
+"""
+Bags: a rosbag2 folder, ``NAME/NAME_0.mcap`` and ``NAME/metadata.yaml``, written and read.
+
+Written as rosbag2 of Jazzy does (profile ros2, schemas ros2msg, CDR, metadata version 9), with
+log time = publish time = the stamp of the message. A chunk is handed to the operating system as
+soon as it is full, so a recorder that is killed loses no more than its last chunk.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+import numpy as np
+import yaml
+
+from impulse_control_ros import __version__
+from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.definition import message_definition
+
+CHUNK_SIZE = 512 * 1024
+ROS_DISTRO = 'jazzy'
+COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4,
+                'zstd': CompressionType.ZSTD}
+SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8')])
+COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
+IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
+                    ('area', 'f8')])
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """YAML without anchors: every value is spelled out where it stands."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Never refer to an earlier value."""
+        return True
+
+
+def to_yaml(content: Any) -> str:
+    """Return ``content`` as YAML in the order given."""
+    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False)
+
+
+class BagError(Exception):
+    """A bag that cannot be written or read; the message names the path and the reason."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A recorded topic: absolute ``name``, ``type`` as pkg/msg/Name, nine QoS keys, RIHS01 hash."""
+
+    name: str
+    type: str
+    qos: tuple[Mapping[str, Any], ...]
+    type_hash: str
+
+
+class BagWriter:
+    """
+    A bag under construction; `close` finishes it, once.
+
+    Raises `BagError` when the folder exists or cannot be made.
+    """
+
+    def __init__(self, folder: str | Path, compression: str = 'none') -> None:
+        self.folder = Path(folder)
+        refuse_existing(self.folder)
+        try:
+            self.folder.mkdir(parents=True)
+        except OSError as error:
+            raise BagError(f'bag {str(folder)!r} cannot be made: {error.strerror}') from None
+        self._path = self.folder / f'{self.folder.name}_0.mcap'
+        self._file = self._path.open('xb')
+        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE,
+                              compression=COMPRESSIONS[compression])
+        self._writer.start('ros2', f'impulse_control_ros {__version__}')
+        self._topics: list[Topic] = []
+        self._schemas: dict[str, int] = {}
+        self._counts: list[int] = []
+        self._first = self._last = 0
+        self._add_bag_metadata()
+
+    def add_topic(self, topic: Topic) -> int:
+        """Register a topic; returns the channel for `write`."""
+        if topic.type not in self._schemas:
+            try:
+                definition = message_definition(topic.type)
+            except FileNotFoundError as error:
+                raise BagError(f'topic {topic.name!r} cannot be recorded: {error}') from None
+            self._schemas[topic.type] = self._writer.register_schema(
+                topic.type, 'ros2msg', definition.encode())
+        self._topics.append(topic)
+        self._counts.append(0)
+        return self._writer.register_channel(
+            topic.name, 'cdr', self._schemas[topic.type],
+            {'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
+             'topic_type_hash': topic.type_hash})
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Store a named record of strings."""
+        self._writer.add_metadata(name, dict(values))
+
+    def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
+        """Write (stamp in ns, channel, data) in the order given; stamps never go back in a bag."""
+        add, counts, last = self._writer.add_message, self._counts, self._last
+        for stamp, channel, data in messages:
+            last = max(last, stamp)
+            sequence = counts[channel - 1] = counts[channel - 1] + 1
+            add(channel, last, data, stamp, sequence)
+            if not self._first:
+                self._first = last
+        self._last = last
+        self._file.flush()
+
+    @property
+    def count(self) -> int:
+        """Messages written so far."""
+        return sum(self._counts)
+
+    def close(self) -> None:
+        """Finish the file and write metadata.yaml."""
+        self._add_bag_metadata()
+        self._writer.finish()
+        self._file.close()
+        (self.folder / 'metadata.yaml').write_text(to_yaml(
+            {'rosbag2_bagfile_information': self._information()}))
+
+    def _add_bag_metadata(self) -> None:
+        self._writer.add_metadata('rosbag2', {
+            'serialized_metadata': to_yaml(self._information())})
+
+    def _information(self) -> dict[str, Any]:
+        """Return rosbag2's BagMetadata, version 9."""
+        start = {'nanoseconds_since_epoch': self._first}
+        length = {'nanoseconds': self._last - self._first}
+        return {
+            'version': 9, 'storage_identifier': 'mcap', 'duration': length,
+            'starting_time': start, 'message_count': self.count,
+            'topics_with_message_count': [
+                {'topic_metadata': {
+                    'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': [dict(qos) for qos in topic.qos],
+                    'type_description_hash': topic.type_hash},
+                 'message_count': count}
+                for topic, count in zip(self._topics, self._counts, strict=True)],
+            'compression_format': '', 'compression_mode': '',
+            'relative_file_paths': [self._path.name],
+            'files': [{'path': self._path.name, 'starting_time': start, 'duration': length,
+                       'message_count': self.count}],
+            'custom_data': {'impulse_control_ros': __version__}, 'ros_distro': ROS_DISTRO}
+
+
+def refuse_existing(folder: Path) -> None:
+    """Raise `BagError` when ``folder`` exists: nothing recorded is overwritten."""
+    if folder.exists():
+        raise BagError(f'bag {str(folder)!r} exists; name a new folder')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """
+    What a bag holds of one joint.
+
+    ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
+    stamps in ns, the rest in SI units; ``parameters`` by node name and parameter name;
+    ``complete`` is false for a bag cut off before it was finished.
+    """
+
+    states: np.ndarray
+    commands: np.ndarray
+    impulses: np.ndarray
+    parameters: Mapping[str, Mapping[str, Any]]
+    complete: bool
+
+
+def storage_file(bag: str | Path) -> Path:
+    """Return the MCAP file of a bag folder, or the file itself."""
+    path = Path(bag)
+    if path.is_file():
+        return path
+    found = sorted(path.glob('*.mcap'))
+    if len(found) != 1:
+        raise BagError(f'bag {str(bag)!r} has {len(found)} .mcap files; 1 is expected')
+    return found[0]
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Turn what the MCAP reader or the system raises into a `BagError` that names the file."""
+    try:
+        yield
+    except (McapError, OSError, EOFError, ValueError) as error:
+        raise BagError(f'{path}: {error or type(error).__name__}') from error
+
+
+def messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message] | Metadata]:
+    """Yield the messages of a file in the order of time, or of the file when it has no index."""
+    with path.open('rb') as stream, naming(path):
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        if summary is not None and summary.statistics is not None:
+            yield from reader.iter_metadata()
+            yield from reader.iter_messages()
+            return
+        stream.seek(0)
+        channels: dict[int, Channel] = {}
+        try:
+            for record in StreamReader(stream).records:
+                if isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    yield None, channels[record.channel_id], record
+                elif isinstance(record, Metadata):
+                    yield record
+        except (EOFError, McapError):
+            return
+
+
+def read(bag: str | Path) -> Recording:
+    """Read a bag of ours; raises `BagError` for what is none."""
+    path = storage_file(bag)
+    rows: dict[str, list[Any]] = {'joint_states': [], 'joint_commands': [], 'impulse_events': []}
+    parameters: dict[str, dict[str, Any]] = {}
+    complete = False
+    layouts: dict[str, list[JointStateLayout]] | None = None
+    for item in messages(path):
+        if isinstance(item, Metadata):
+            if item.name.startswith('parameters:'):
+                name = item.name.removeprefix('parameters:')
+                parameters[name] = {key: json.loads(value)
+                                    for key, value in item.metadata.items()}
+            complete |= item.name == 'recording'
+            continue
+        _, channel, message = item
+        kind = channel.topic.rsplit('/', 1)[-1]
+        if kind not in rows:
+            continue
+        if layouts is None:
+            layouts = layouts_of(parameters)
+        rows[kind].append((message.publish_time, *decoded(layouts[kind], message.data, path)))
+    return Recording(
+        states=np.array(rows['joint_states'], SAMPLE),
+        commands=np.array(rows['joint_commands'], COMMAND),
+        impulses=np.array(rows['impulse_events'], IMPULSE),
+        parameters=parameters, complete=complete)
+
+
+def layouts_of(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, list[JointStateLayout]]:
+    """Return the layouts that each topic's messages may have."""
+    joint = next((values['joint_name'] for values in parameters.values()
+                  if 'joint_name' in values), 'axis')
+    return {'joint_states': [JointStateLayout(joint, mark) for mark in ('', 'reset')],
+            'joint_commands': [JointStateLayout(joint, '', ('effort',))],
+            'impulse_events': [JointStateLayout(joint, guard) for guard in GUARDS]}
+
+
+def decoded(layouts: list[JointStateLayout], data: bytes, path: Path) -> tuple[Any, ...]:
+    """Return the values of a message, with the guard's number first where there is a choice."""
+    for number, layout in enumerate(layouts):
+        values = layout.decode(data)
+        if values is not None:
+            return ((number, *values[2:]) if len(layouts) == len(GUARDS) else values[2:])
+    raise BagError(f'{path}: a JointState of {len(data)} bytes is not one of joint '
+                   f'{layouts[0].joint!r}')

@@ -1,0 +1,104 @@
+"""
+JointState as CDR bytes: a fixed layout packed and read at known offsets.
+
+A JointState of one joint always has the same shape once its frame_id and the filled fields are
+known: constant bytes, a stamp at offset 4, and doubles at offsets that follow from CDR's
+alignment (relative to the end of the 4-byte encapsulation, little endian). Padding is zero in
+what we write and ignored in what we read: other writers leave it uninitialised, and rclpy's
+serializer may append unused bytes.
+"""
+
+from collections.abc import Sequence
+import struct
+from typing import Any
+
+FIELDS = ('position', 'velocity', 'effort')
+LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
+
+
+class JointStateLayout:
+    """
+    The layout for one joint: ``fields`` are filled with one value, the others left empty.
+
+    ``encode(sec, nanosec, *values)`` returns bytes; ``decode(raw)`` returns
+    (sec, nanosec, *values), values in the order of ``fields``, or None when ``raw`` has another
+    layout.
+    """
+
+    def __init__(self, joint: str, frame_id: str = '', fields: Sequence[str] = FIELDS) -> None:
+        self.joint, self.frame_id, self.fields = joint, frame_id, tuple(fields)
+        self._message, self._mask = bytearray(), bytearray()
+        self._format: list[str] = []
+        self._pieces: list[Any] = []
+        self._written = 0
+        self._lay_out()
+        self.size = len(self._message)
+        self._constant = int.from_bytes(self._message, 'little')
+        self._check = int.from_bytes(self._mask, 'little')
+        self._packed = struct.Struct('<' + ''.join(self._format))
+        self._read = struct.Struct('<' + ''.join(self._format).replace('s', 'x'))
+
+    def _put(self, data: bytes, constant: bool) -> None:
+        self._message += data
+        self._mask += (b'\xff' if constant else b'\x00') * len(data)
+
+    def _align(self, size: int) -> None:
+        self._put(b'\x00' * ((4 - len(self._message)) % size), constant=False)
+
+    def _put_count(self, count: int) -> None:
+        self._align(4)
+        self._put(struct.pack('<I', count), constant=True)
+
+    def _put_string(self, text: str) -> None:
+        data = text.encode() + b'\x00'
+        self._put_count(len(data))
+        self._put(data, constant=True)
+
+    def _put_variable(self, code: str) -> None:
+        """Leave room for one value, and pack what came before it as a constant."""
+        constant = bytes(self._message[self._written:])
+        self._put(bytes(struct.calcsize('<' + code)), constant=False)
+        self._format += [f'{len(constant)}s', code]
+        self._pieces += [constant, 0]
+        self._written = len(self._message)
+
+    def _lay_out(self) -> None:
+        self._put(LITTLE_ENDIAN_CDR, constant=True)
+        self._put_variable('I')
+        self._put_variable('I')
+        self._put_string(self.frame_id)
+        self._put_count(1)
+        self._put_string(self.joint)
+        for field in FIELDS:
+            filled = field in self.fields
+            self._put_count(int(filled))
+            if filled:
+                self._align(8)
+                self._put_variable('d')
+        trailer = bytes(self._message[self._written:])
+        self._format.append(f'{len(trailer)}s')
+        self._pieces.append(trailer)
+
+    def encode(self, sec: int, nanosec: int, *values: float) -> bytes:
+        """Return the message."""
+        pieces = self._pieces
+        pieces[1], pieces[3] = sec, nanosec
+        pieces[5:-1:2] = values
+        return self._packed.pack(*pieces)
+
+    def decode(self, raw: bytes) -> tuple[int, int, *tuple[float, ...]] | None:
+        """Return (sec, nanosec, *values), or None for another layout."""
+        if len(raw) < self.size or (
+                int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):
+            return None
+        return self._read.unpack_from(raw)
+
+
+def encode_time(sec: int, nanosec: int) -> bytes:
+    """Return a rosgraph_msgs/Clock (or a builtin_interfaces/Time)."""
+    return LITTLE_ENDIAN_CDR + struct.pack('<II', sec, nanosec)
+
+
+def encode_float64(value: float) -> bytes:
+    """Return a std_msgs/Float64."""
+    return LITTLE_ENDIAN_CDR + struct.pack('<d', value)

@@ -1,0 +1,135 @@
+"""
+An experiment: the parameters of the three nodes, and the plain ROS parameter file they live in.
+
+The classes below are the one source of the nodes' parameters; the nodes declare them from here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+import re
+from typing import Any
+
+import yaml
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.parameter import (
+    build, parameter, ParameterError, Parameters, refusal)
+from impulse_control_ros.core.tick import nanoseconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantParameters(Axis):
+    """Parameters of the node ``plant_simulator``: the axis, and how it is run."""
+
+    joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
+    duration: float = parameter(
+        0.0, 's', 'simulated time after which the run ends; 0 for no end', lower=0.0)
+    start_time: float = parameter(
+        1.0, 's', 'stamp of the first state; ROS reads 0 as no time', lower=1e-9, upper=4e9,
+        read_only=True)
+    lockstep: bool = parameter(
+        True, '', 'wait for the command of each state; false runs freely on the wall clock',
+        read_only=True)
+    real_time_factor: float = parameter(
+        0.0, '', 'simulated seconds per wall second; 0 for as fast as possible', lower=0.0)
+    command_timeout: float = parameter(
+        1.0, 's', 'wall time without a command after which the state is published again',
+        lower=0.01)
+    clock_rate: float = parameter(
+        100.0, 'Hz', 'messages on /clock per simulated second; 0 for none', lower=0.0)
+    damping_rate: float = parameter(
+        1000.0, 'Hz', 'messages on damping per simulated second, when it varies; 0 for none',
+        lower=0.0)
+    step_ticks: int = parameter(
+        1, 'samples', 'samples that one call of ~/step makes', lower=1, upper=2**31)
+    wait_for_recorder: bool = parameter(
+        False, '', 'whether the first state waits for a recorder', read_only=True)
+
+    def check(self) -> None:
+        """Stamps are whole nanoseconds; free running needs a pace."""
+        super().check()
+        nanoseconds(self.start_time, 'start_time')
+        if not self.lockstep and self.real_time_factor == 0.0:
+            raise refusal('real_time_factor', self.real_time_factor,
+                          '> 0 when lockstep is false')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerParameters(Controller):
+    """Parameters of the node ``controller``."""
+
+    joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters(Parameters):
+    """Parameters of the node ``recorder``."""
+
+    bag: str = parameter(
+        '', '', 'folder to create; empty for impulse_<date and time>', read_only=True)
+    topics: tuple[str, ...] = parameter(
+        ('setpoint', 'damping', '/parameter_events'), '',
+        'topics to record beside joint_states, joint_commands and impulse_events',
+        read_only=True)
+    compression: str = parameter(
+        'none', '', 'compression of the chunks', choices=('none', 'lz4', 'zstd'), read_only=True)
+
+
+NODES: dict[str, type[Parameters]] = {
+    'plant_simulator': PlantParameters, 'controller': ControllerParameters,
+    'recorder': RecorderParameters}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One complete parameter file."""
+
+    plant_simulator: PlantParameters
+    controller: ControllerParameters
+    recorder: RecorderParameters
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-4 is a number, which YAML 1.1 calls a string."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
+    list('-+0123456789'))
+
+
+def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return nested mappings as one with dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flattened(value, f'{prefix}{name}.')
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat
+
+
+def read_experiment(path: str | Path) -> Experiment:
+    """
+    Read a ROS parameter file for the three nodes by their default names.
+
+    Raises `ParameterError` when the file cannot be read, names an unknown node or parameter, or
+    holds a wrong value; the message names the file, the node, the parameter and its value.
+    """
+    try:
+        content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
+    except (OSError, yaml.YAMLError) as error:
+        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
+    sets = {}
+    for name, section in (content or {}).items():
+        if name not in NODES:
+            raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')
+        try:
+            sets[name] = build(NODES[name], flattened(section['ros__parameters']))
+        except (KeyError, TypeError):
+            raise ParameterError(f'{path}: {name} has no ros__parameters') from None
+        except ParameterError as error:
+            raise ParameterError(f'{path}: {name}: {error}') from None
+    return Experiment(**{name: sets.get(name, kind()) for name, kind in NODES.items()})

@@ -1,0 +1,356 @@
+"""
+The plant simulator node: the axis in simulated time, closed over topics.
+
+Lockstep (the default): state k is published, and sample k + 1 is made only after the command
+that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
+the next sample, in this order: the command, a pause, a recorder that is behind, and the real
+time factor. Free running: samples are made by the wall clock with the last command held.
+
+Recorders join the lockstep by themselves: each publishes on recorder_progress the stamp up to
+which it has states and commands (frame_id: its name). The plant stays at most WINDOW samples
+ahead of the slowest, and whenever an endpoint may be new (a recorder joined, a state had to be
+published again) it publishes the state until every recorder has it and its command. That is
+flow control over ordinary topics: DDS alone would drop (keep last) or fail the publish (keep
+all), and neither is seen by the sender.
+"""
+
+import math
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Header
+from std_srvs.srv import SetBool, Trigger
+
+from impulse_control_ros.core.axis import plant_step
+from impulse_control_ros.core.tick import nanoseconds, SECOND, stamp, ticks
+from impulse_control_ros.files.cdr import encode_float64, encode_time
+from impulse_control_ros.files.experiment import PlantParameters
+from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.topics import (
+    CLOCK, command_layout, DAMPING, JOINT_COMMANDS, JOINT_STATES, RECORDER_PROGRESS, RESET_MARK,
+    SERIES_QOS, SLOW_QOS, state_layout, WINDOW)
+
+HANDSHAKE = 0.1
+ENDLESS = 2**62
+
+
+class PlantSimulator(ParameterNode):
+    """Publishes the axis' state at every sample of simulated time."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('plant_simulator', PlantParameters, **options)
+        parameters = self.parameters
+        self._step_ns = nanoseconds(parameters.time_step, 'time_step')
+        self._start_ns = nanoseconds(parameters.start_time, 'start_time')
+        self._layout = state_layout(parameters.joint_name)
+        self._reset_layout = state_layout(parameters.joint_name, RESET_MARK)
+        self._command_layout = command_layout(parameters.joint_name)
+        self.finished = False
+        self.tick = -1
+        self._state = parameters.start()
+        plant_step(*parameters.packed(), parameters.start(), 0.0)  # compile before the run
+        self._stamp = self._answered = (-1, 0)
+        self._message = b''
+        self._awaiting = False
+        self._effort = 0.0
+        self._paused = False
+        self._steps_left = 0
+        self._reset_wanted = False
+        self._recorders: dict[str, int] = {}
+        self._credit = ENDLESS
+        self._handshake = False
+        self._again_at = 0.0
+        self._counts = {'steps': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0,
+                        'missed_deadlines': 0}
+        self.parameters_changed()
+        self._create_endpoints()
+
+    def _create_endpoints(self) -> None:
+        self._states = self.create_publisher(JointState, JOINT_STATES, SERIES_QOS)
+        self._clock_topic = self.create_publisher(Clock, CLOCK, SLOW_QOS)
+        self._damping = self.create_publisher(Float64, DAMPING, SLOW_QOS)
+        self.commands = self.create_subscription(
+            JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
+        self.create_subscription(Header, RECORDER_PROGRESS, self._on_progress, SLOW_QOS)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/step', self._on_step)
+        Diagnostics(self, self._report)
+        self._reported = (monotonic(), 0)
+        self._began = 0.0
+
+    def parameters_changed(self) -> None:
+        """Let the next sample be made with the new parameters."""
+        parameters = self.parameters
+        self._axis, self._profile = parameters.packed()
+        self._last_tick = (ticks(parameters.duration, parameters.time_step)
+                           if parameters.duration else ENDLESS)
+        self._clock_every = self._every(parameters.clock_rate)
+        varying = parameters.damping.kind != 'constant'
+        self._damping_every = self._every(parameters.damping_rate) if varying else 0
+        self._wall_step = (parameters.time_step / parameters.real_time_factor
+                           if parameters.real_time_factor else 0.0)
+        self._pace_from = (monotonic(), self.tick)
+
+    def _every(self, rate: float) -> int:
+        """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
+        return max(1, round(1.0 / (rate * self.parameters.time_step))) if rate else 0
+
+    # -- the sample -------------------------------------------------------------------------
+
+    def _step(self) -> None:
+        plant_step(self._axis, self._profile, self._state, self._effort)
+        self._publish_sample(self._layout)
+
+    def _reset_state(self) -> None:
+        self._reset_wanted = False
+        state = self._state[0]
+        state['position'], state['velocity'] = self.parameters.x_0, self.parameters.v_0
+        state['effort'] = 0.0
+        state['tick'] += 1
+        self._effort = 0.0
+        self._publish_sample(self._reset_layout)
+
+    def _publish_sample(self, layout: Any) -> None:
+        tick, position, velocity, effort, damping, _ = self._state.item()
+        self.tick = tick
+        self._stamp = sec, nanosec = stamp(tick, self._start_ns, self._step_ns)
+        self._message = layout.encode(sec, nanosec, position, velocity, effort)
+        self._awaiting = self.parameters.lockstep
+        self._counts['steps'] = tick
+        self._publish_state()
+        if self._clock_every and tick % self._clock_every == 0:
+            self._clock_topic.publish(encode_time(sec, nanosec))
+        if self._damping_every and tick % self._damping_every == 0 and tick:
+            self._damping.publish(encode_float64(damping))
+
+    def _publish_state(self) -> None:
+        self._again_at = monotonic() + self.parameters.command_timeout
+        self._states.publish(self._message)
+
+    # -- what comes in ----------------------------------------------------------------------
+
+    def on_command(self, raw: bytes) -> None:
+        """Take one joint command, given as CDR."""
+        values = self._command_layout.decode(raw) or self._decode_slowly(raw)
+        if values is None:
+            return
+        sec, nanosec, effort = values
+        if not math.isfinite(effort):
+            self._reject(f'a command with effort {effort}')
+        elif (sec, nanosec) > self._stamp:
+            self._counts['foreign'] += 1
+        elif (sec, nanosec) <= self._answered or (
+                self.parameters.lockstep and (sec, nanosec) < self._stamp):
+            self._counts['stale'] += 1
+        else:
+            self._answered = (sec, nanosec)
+            self._awaiting = False
+            self._effort = effort
+            if self.parameters.lockstep:
+                self._proceed()
+
+    def _decode_slowly(self, raw: bytes) -> tuple[int, int, float] | None:
+        """Decode any JointState, of several joints or in another byte order."""
+        joint = self.parameters.joint_name
+        try:
+            message: Any = deserialize_message(raw, JointState)
+            effort = message.effort[list(message.name).index(joint)]
+        except (ValueError, IndexError):
+            self._reject(f'a command without an effort for joint {joint!r}')
+            return None
+        except Exception as error:  # rclpy raises its own type for bytes that are no message
+            self._reject(f'a command that cannot be decoded ({error})')
+            return None
+        return message.header.stamp.sec, message.header.stamp.nanosec, effort
+
+    def _reject(self, what: str) -> None:
+        self._counts['rejected'] += 1
+        self.get_logger().error(f'rejected {what}', throttle_duration_sec=1.0)
+
+    def _on_progress(self, message: Header) -> None:
+        reached = message.stamp.sec * SECOND + message.stamp.nanosec - self._start_ns
+        tick = reached // self._step_ns
+        if message.frame_id not in self._recorders:
+            self.get_logger().info(f'recorder {message.frame_id} joined the lockstep')
+            self._join()
+        # A stamp ahead of ours is of an earlier run: that recorder has nothing of this one.
+        self._recorders[message.frame_id] = tick if 0 <= tick <= self.tick else -1
+        self._recount()
+
+    def _join(self) -> None:
+        self._handshake = True
+        self._again_at = min(self._again_at, monotonic() + HANDSHAKE)
+
+    def _recount(self) -> None:
+        slowest = min(self._recorders.values(), default=ENDLESS)
+        if self._handshake and slowest >= self.tick >= 0:
+            self._handshake = False
+        self._credit = slowest + (0 if self._handshake else WINDOW)
+
+    # -- what holds the next sample ---------------------------------------------------------
+
+    def _proceed(self) -> None:
+        """Make the next sample unless something holds it."""
+        if self._awaiting or self.tick >= self._credit:
+            return
+        if self.tick >= self._last_tick:
+            if min(self._recorders.values(), default=ENDLESS) >= self.tick:
+                self._end()
+        elif self._reset_wanted:
+            self._reset_state()
+        elif self._paused and not self._steps_left:
+            return
+        elif self._wall_step and monotonic() < self._due():
+            return
+        else:
+            if self._steps_left:
+                self._steps_left -= 1
+            self._step()
+
+    def _due(self) -> float:
+        since, tick = self._pace_from
+        return since + (self.tick + 1 - tick) * self._wall_step
+
+    def poll(self) -> float:
+        """Do what is due by the wall clock: start, publish again, pace."""
+        now = monotonic()
+        if self.tick < 0:
+            return self._start_when_matched(now)
+        if not self.parameters.lockstep:
+            return self._run_freely(now)
+        if not self._awaiting:
+            self._proceed()
+        if self.finished:
+            return 0.0
+        if now >= self._again_at:
+            self._publish_again(now)
+        if self._wall_step and not self._awaiting:
+            return min(max(self._due() - monotonic(), 0.0), IDLE)
+        return min(self._again_at - now, IDLE)
+
+    def _start_when_matched(self, now: float) -> float:
+        waiting = []
+        if not (self._states.get_subscription_count() and self.commands.get_publisher_count()):
+            waiting.append('a controller')
+        if self.parameters.wait_for_recorder and not self._recorders:
+            waiting.append('a recorder')
+        if waiting:
+            if now >= self._again_at:
+                if self._again_at:
+                    self.get_logger().info(f'waiting for {" and ".join(waiting)}')
+                self._again_at = now + 5.0
+            return 0.02
+        self._began, self._pace_from = now, (now, 0)
+        self._publish_sample(self._layout)
+        return 0.0
+
+    def _publish_again(self, now: float) -> None:
+        """Publish the state once more: its command is late, or an endpoint may be new."""
+        if self._awaiting:
+            self._counts['late'] += 1
+            self.get_logger().warning(
+                f'no command for the state at {self._seconds()} s: published again',
+                throttle_duration_sec=5.0)
+            self._handshake = bool(self._recorders)
+            self._recount()
+        elif self._recorders:
+            self._forget_lost_recorders()
+        if self._awaiting or self._handshake:
+            self._publish_state()
+        held = self._handshake and not self._awaiting
+        self._again_at = now + (HANDSHAKE if held else self.parameters.command_timeout)
+
+    def _forget_lost_recorders(self) -> None:
+        alive = {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
+                 for info in self.get_publishers_info_by_topic(RECORDER_PROGRESS)}
+        for name in set(self._recorders) - alive:
+            self.get_logger().warning(f'recorder {name} has left: the run goes on without it')
+            del self._recorders[name]
+        self._handshake = self._handshake and bool(self._recorders)
+        self._recount()
+
+    def _run_freely(self, now: float) -> float:
+        due = self._due()
+        if now < due:
+            return min(due - now, IDLE)
+        self._counts['missed_deadlines'] += now >= due + self._wall_step
+        if self.tick >= self._last_tick:
+            self._end()
+        elif self._reset_wanted:
+            self._reset_state()
+        elif not self._paused or self._steps_left:
+            self._steps_left = max(0, self._steps_left - 1)
+            self._step()
+        else:
+            self._pace_from = (now, self.tick)
+        return 0.0
+
+    def _end(self) -> None:
+        self.finished = True
+        wall = monotonic() - self._began
+        simulated = self.tick * self.parameters.time_step
+        counts = ', '.join(f'{value} {name}' for name, value in self._counts.items())
+        self.get_logger().info(
+            f'the run is over at {self._seconds()} s: {simulated:g} s in {wall:.2f} s of wall '
+            f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
+
+    # -- services and reports ---------------------------------------------------------------
+
+    def _seconds(self) -> str:
+        return f'{self._stamp[0]}.{self._stamp[1]:09d}'
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = 0 <= self.tick < self._last_tick
+        self._reset_wanted = response.success
+        sec, nanosec = stamp(self.tick + 1, self._start_ns, self._step_ns)
+        response.message = (
+            f'the state at {sec}.{nanosec:09d} s is x_0 = {self.parameters.x_0:g} m, '
+            f'v_0 = {self.parameters.v_0:g} m/s' if response.success else 'there is no run')
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused, self._steps_left = request.data, 0
+        self._pace_from = (monotonic(), self.tick)
+        response.success = True
+        response.message = f'{"paused" if request.data else "running"} at {self._seconds()} s'
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused
+        if self._paused:
+            self._steps_left += self.parameters.step_ticks
+        response.message = (f'{self._steps_left} samples from {self._seconds()} s'
+                            if self._paused else 'refused: pause first')
+        return response
+
+    def _report(self) -> tuple[bytes, str, dict[str, object]]:
+        (since, tick), now = self._reported, monotonic()
+        self._reported = (now, self.tick)
+        rate = (self.tick - tick) / (now - since)
+        held = [name for name, holds in (
+            ('a command', self._awaiting), ('resume', self._paused),
+            ('a recorder', self.tick >= self._credit)) if holds]
+        message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
+        return DiagnosticStatus.OK if rate else DiagnosticStatus.WARN, message, {
+            'steps_per_second': f'{rate:.1f}',
+            'real_time_factor': f'{rate * self.parameters.time_step:.3f}',
+            'recorders': len(self._recorders), **self._counts}
+
+    def close(self) -> None:
+        """Wait until what was sent has arrived."""
+        self._states.wait_for_all_acked(Duration(seconds=1))
+        self._clock_topic.wait_for_all_acked(Duration(seconds=1))
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node('plant_simulator', PlantSimulator,
+                    'The axis in simulated time: joint_states out, joint_commands in.')

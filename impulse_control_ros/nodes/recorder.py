@@ -1,0 +1,225 @@
+"""
+The recorder node: joint_states, joint_commands, impulse_events and more into a rosbag2 folder.
+
+Messages are taken raw, and each costs one append to a list; everything else happens in batches:
+order by stamp, drop repeats (the plant publishes a state again when its command is late), look
+for gaps in the series, write. What is newer than the last state with a command waits for the
+next batch, so that the bag is in the order of time.
+
+The recorder joins the lockstep by choice: after each batch it publishes on recorder_progress
+the stamp of the last state that it has together with its command. The plant waits for it (see
+plant_simulator.py), so a slow disk slows simulated time and loses nothing. It opens the bag
+when plant and controller are there and their parameters are read; what comes earlier is kept.
+A plant that starts anew goes back in time: then the bag is finished, and the next one is
+``<bag>-2``.
+"""
+
+from datetime import datetime
+from importlib import import_module
+import json
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from impulse_control_ros import __version__
+from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.files.bag import BagWriter, refuse_existing, Topic
+from impulse_control_ros.files.experiment import RecorderParameters
+from impulse_control_ros.files.timeline import COMMANDS, EVENTS, STATES, Timeline
+from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.parameters import ParameterNode, ParameterReading
+from impulse_control_ros.nodes.spin import main as run_node
+from impulse_control_ros.nodes.topics import (
+    EVENT_QOS, IMPULSE_EVENTS, JOINT_COMMANDS, JOINT_STATES, qos_keys, RECORDER_PROGRESS,
+    SERIES_QOS, SLOW_QOS)
+
+BATCH = 250
+BATCH_PERIOD = 0.02
+PROGRESS_PERIOD = 0.1
+PARAMETER_TIMEOUT = 5.0
+DEFAULT_STEP_NS = 100_000
+
+
+class Recorder(ParameterNode):
+    """Writes what passes by into a bag, and loses nothing."""
+
+    finished = False
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('recorder', RecorderParameters, **options)
+        self._name = self.parameters.bag or f'impulse_{datetime.now():%Y_%m_%d-%H_%M_%S}'
+        refuse_existing(Path(self._name))
+        self.bag: BagWriter | None = None
+        self._timeline = Timeline(DEFAULT_STEP_NS)
+        self._bags = 0
+        self._readings: dict[str, ParameterReading] = {}
+        self._asked_at = self._batch_at = self._progress_at = 0.0
+        self._topics: list[tuple[Any, str]] = []
+        self._inboxes: list[list[bytes]] = []
+        self._channels: list[int] = []
+        # Events before commands: a peer that has matched our commands has matched our events.
+        order = {EVENTS: (IMPULSE_EVENTS, EVENT_QOS), COMMANDS: (JOINT_COMMANDS, SERIES_QOS),
+                 STATES: (JOINT_STATES, SERIES_QOS)}
+        made = {index: self._subscribe(topic, JointState, qos)
+                for index, (topic, qos) in order.items()}
+        for index in sorted(made):
+            subscription, inbox = made[index]
+            self._topics.append((subscription, 'sensor_msgs/msg/JointState'))
+            self._inboxes.append(inbox)
+        self._wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
+        self._progress = self.create_publisher(Header, RECORDER_PROGRESS, SLOW_QOS)
+        self.create_timer(0.5, self._subscribe_wanted)
+        self._subscribe_wanted()
+        Diagnostics(self, self._report)
+
+    # -- endpoints --------------------------------------------------------------------------
+
+    def _subscribe(self, topic: str, kind: type, qos: QoSProfile) -> tuple[Any, list[bytes]]:
+        inbox: list[bytes] = []
+        return self.create_subscription(kind, topic, inbox.append, qos, raw=True), inbox
+
+    def _subscribe_wanted(self) -> None:
+        """Subscribe to the further topics that have appeared on the graph."""
+        for topic, kinds in self.get_topic_names_and_types() if self._wanted else ():
+            if topic not in self._wanted:
+                continue
+            self._wanted.remove(topic)
+            package, _, name = kinds[0].split('/')
+            offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
+            subscription, inbox = self._subscribe(
+                topic, getattr(import_module(f'{package}.msg'), name),
+                QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
+                           if best_effort else ReliabilityPolicy.RELIABLE))
+            self._topics.append((subscription, kinds[0]))
+            self._inboxes.append(inbox)
+            if self.bag:
+                self._channels.append(self._add_topic(*self._topics[-1]))
+
+    def _peers(self) -> set[str]:
+        """Return the names of the nodes that publish states and commands; none when not both."""
+        names = set()
+        for index in (STATES, COMMANDS):
+            subscription, _ = self._topics[index]
+            infos = self.get_publishers_info_by_topic(subscription.topic_name)
+            if not (subscription.get_publisher_count() and infos):
+                return set()
+            names |= {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
+                      for info in infos}
+        return names
+
+    # -- the bag ----------------------------------------------------------------------------
+
+    def _prepare(self, now: float) -> None:
+        """Read the peers' parameters, and open the bag once they have told them."""
+        if not self._readings:
+            self._readings = {name: ParameterReading(self, name) for name in self._peers()}
+            self._asked_at = now
+            return
+        for reading in self._readings.values():
+            reading.poll()
+        silent = [name for name, reading in self._readings.items() if not reading.values]
+        if silent and now < self._asked_at + PARAMETER_TIMEOUT:
+            return
+        for name in silent:
+            self.get_logger().warning(f'{name} does not tell its parameters')
+        for reading in self._readings.values():
+            reading.close()
+        self._open({name: reading.values for name, reading in self._readings.items()})
+        self._readings = {}
+
+    def _open(self, parameters: dict[str, dict[str, Any]]) -> None:
+        self._bags += 1
+        name = self._name if self._bags == 1 else f'{self._name}-{self._bags}'
+        self.bag = BagWriter(name, self.parameters.compression)
+        self.bag.add_metadata('impulse_control_ros', {'version': __version__})
+        own = {self.get_fully_qualified_name(): self.parameters.flat()}
+        step = DEFAULT_STEP_NS
+        for node, values in (parameters | own).items():
+            self.bag.add_metadata(f'parameters:{node}',
+                                  {key: json.dumps(value) for key, value in values.items()})
+            if 'time_step' in values:
+                step = nanoseconds(values['time_step'], 'time_step')
+        self._timeline = Timeline(step)
+        self._channels = [self._add_topic(*topic) for topic in self._topics]
+        self.get_logger().info(f'recording into {name}')
+
+    def _add_topic(self, subscription: Any, kind: str) -> int:
+        infos = self.get_publishers_info_by_topic(subscription.topic_name)
+        offers = [info.qos_profile for info in infos] or [subscription.qos_profile]
+        assert self.bag
+        return self.bag.add_topic(Topic(
+            name=subscription.topic_name, type=kind, qos=tuple(map(qos_keys, offers)),
+            type_hash=str(infos[0].topic_type_hash) if infos else ''))
+
+    def _drain(self, everything: bool = False) -> bool:
+        """Move the inboxes into the bag; returns False when a new run has begun."""
+        assert self.bag
+        same = True
+        for index, inbox in enumerate(self._inboxes):
+            taken = self._timeline.add(index, inbox)
+            same = same and taken == len(inbox)
+            del inbox[:taken]
+        channels = self._channels
+        self.bag.write((stamp, channels[index], raw)
+                       for stamp, index, raw in self._timeline.take(everything or not same))
+        return same
+
+    def _finish(self) -> None:
+        """Finish the bag, and say what is in it."""
+        assert self.bag
+        count, missing = self.bag.count, self._timeline.missing
+        self.bag.add_metadata('recording', {
+            'messages': str(count), 'missing': str(missing),
+            'repeated': str(self._timeline.repeated)})
+        self.bag.close()
+        self.get_logger().info(f'{self.bag.folder}: {count} messages written, {missing} missing, '
+                               f'{self._timeline.repeated} repeats dropped')
+        self.bag = None
+
+    # -- by the wall clock ------------------------------------------------------------------
+
+    def poll(self) -> float:
+        """Write a batch when it is due, and tell the plant how far the recording is."""
+        now = monotonic()
+        if now < self._batch_at and len(self._inboxes[STATES]) < BATCH:
+            return BATCH_PERIOD
+        self._batch_at = now + BATCH_PERIOD
+        if not self.bag:
+            self._prepare(now)
+        elif not self._drain():
+            self._finish()
+        elif now >= self._progress_at or self._inboxes:
+            self._tell_progress(now)
+        return BATCH_PERIOD
+
+    def _tell_progress(self, now: float) -> None:
+        self._progress_at = now + PROGRESS_PERIOD
+        message = Header(frame_id=self.get_fully_qualified_name())
+        message.stamp.sec, message.stamp.nanosec = divmod(self._timeline.reached, SECOND)
+        self._progress.publish(message)
+
+    def _report(self) -> tuple[bytes, str, dict[str, object]]:
+        missing = self._timeline.missing
+        return DiagnosticStatus.ERROR if missing else DiagnosticStatus.OK, (
+            f'recording {self.bag.folder}' if self.bag else 'waiting for plant and controller'), {
+            'written': self.bag.count if self.bag else 0, 'lost': missing,
+            'repeated': self._timeline.repeated}
+
+    def close(self) -> None:
+        """Finish the bag with all that has arrived."""
+        while self.bag:
+            same = self._drain(everything=True)
+            self._finish()
+            if not same:
+                self._open({})
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node('recorder', Recorder, 'Records the run into a rosbag2 folder (MCAP).')

@@ -1,0 +1,134 @@
+"""
+Init, spin, shut down: written once for every executable.
+
+The EventsExecutor is many times faster than the default one, but its ``spin()`` never sees a
+signal and burns a core, so the loop is over ``spin_once`` with a timeout. Signals only set a
+flag. Leaving the process with the executor alive can crash, so executor, nodes and context go
+down in this order.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+import signal
+import sys
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.files.bag import BagError
+
+IDLE = 0.1
+
+
+class Spun(Protocol):
+    """What the loop needs of a node beside rclpy's."""
+
+    finished: bool
+
+    def poll(self) -> float:
+        """Do what is due by the wall clock; return the seconds until it wants to be asked."""
+
+    def close(self) -> None:
+        """Hand over what is still held, before the node is destroyed."""
+
+    def destroy_node(self) -> None:
+        """As rclpy."""
+
+
+class StopRequest:
+    """Set by SIGINT and SIGTERM, any number of times."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._request)
+
+    def _request(self, *_: Any) -> None:
+        self.requested = True
+
+
+def make_executor() -> Executor:
+    """Return an EventsExecutor, or where rclpy has none the standard one, with one log line."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        rclpy.logging.get_logger('impulse_control_ros').info(
+            'this rclpy has no EventsExecutor: the standard executor is several times slower')
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def spin(nodes: Sequence[Any], stop: StopRequest, each: Callable[[], None] | None = None) -> None:
+    """Serve the nodes until one is finished or a stop is requested; then close them in order."""
+    executor = make_executor()
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        while not stop.requested and not any(node.finished for node in nodes):
+            executor.spin_once(timeout_sec=min(node.poll() for node in nodes))
+            if each:
+                each()
+        for node in nodes:
+            node.close()
+    finally:
+        executor.shutdown()
+
+
+def run(prog: str, makers: Sequence[Callable[[], Any]], stop: StopRequest,
+        each: Callable[[], None] | None = None) -> int:
+    """Make the nodes and spin them; returns the exit status: 0 done, 2 refused, 1 failed."""
+    nodes: list[Any] = []
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        for make in makers:
+            nodes.append(make())
+    except (ParameterError, BagError, rclpy.exceptions.InvalidParameterTypeException) as error:
+        return leave(nodes, f'{prog}: {error}', 2)
+    except Exception as error:  # rcl raises its own types for bad arguments, all about argv
+        return leave(nodes, f'{prog}: {first_line(error)}', 2)
+    try:
+        spin(nodes, stop, each)
+    except BagError as error:
+        return leave(nodes, f'{prog}: {error}', 1)
+    except BaseException:
+        leave(nodes, '', 1)
+        raise
+    return leave(nodes, '', 0)
+
+
+def leave(nodes: Sequence[Any], message: str, status: int) -> int:
+    """Destroy the nodes, shut rclpy down, say why; returns ``status``."""
+    for node in reversed(nodes):
+        node.destroy_node()
+    if rclpy.ok():
+        rclpy.shutdown()
+    if message:
+        print(message, file=sys.stderr)
+    return status
+
+
+def first_line(error: BaseException) -> str:
+    """Return rcl's message without its source locations, on one line."""
+    return ' '.join(str(error).split(', at ./')[0].split(', at /')[0].split())
+
+
+def parse(prog: str, description: str, add: Callable[[argparse.ArgumentParser], None] | None = None
+          ) -> argparse.Namespace:
+    """Parse what is not for ROS; ``--help`` and its exit statuses are argparse's."""
+    parser = argparse.ArgumentParser(
+        prog=prog, description=description,
+        epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p K:=12.0')
+    if add:
+        add(parser)
+    return parser.parse_args(remove_ros_args(sys.argv)[1:])
+
+
+def main(prog: str, make: Callable[[], Any], description: str) -> int:
+    """Be the whole of a single node's executable."""
+    stop = StopRequest()
+    parse(prog, description)
+    return run(prog, [make], stop)

@@ -1,0 +1,37 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'impulse_control_ros'
+ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
+NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Impulse-based hybrid motion control of an axis, as ROS 2 nodes',
+    license='Apache-2.0',
+    maintainer='impulse_control_ros maintainers',
+    maintainer_email='maintainers@impulse-control-ros.invalid',
+    packages=find_packages(exclude=['test', 'test.*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'pyyaml', 'tqdm'],
+    extras_require={
+        'ros': ROS,
+        # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
+        'test': ['pytest<9', 'hypothesis', 'mypy', 'rosbags', 'ruff', 'colcon-common-extensions',
+                 'catkin_pkg', 'setuptools<80', 'types-PyYAML', 'types-tqdm'],
+    },
+    zip_safe=True,
+    entry_points={'console_scripts': [
+        *(f'{name} = {PACKAGE}.nodes.{name}:main' for name in NODES),
+        f'analyze = {PACKAGE}.tools.analyze:main',
+    ]},
+)
