@@ -31,7 +31,5 @@ setup(
     },
     zip_safe=True,
     entry_points={'console_scripts': [
-        *(f'{name} = {PACKAGE}.nodes.{name}:main' for name in NODES),
-        f'analyze = {PACKAGE}.tools.analyze:main',
-    ]},
+        f'{name} = {PACKAGE}.nodes.{name}:main' for name in NODES]},
 )

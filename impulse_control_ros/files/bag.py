@@ -171,14 +171,15 @@ class Recording:
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
     stamps in ns, the rest in SI units; ``parameters`` by node name and parameter name;
-    ``complete`` is false for a bag cut off before it was finished.
+    ``receipt`` is what the recorder says at the end (messages, missing, repeated, wall_seconds),
+    empty for a bag that was cut off.
     """
 
     states: np.ndarray
     commands: np.ndarray
     impulses: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
-    complete: bool
+    receipt: Mapping[str, str]
 
 
 def storage_file(bag: str | Path) -> Path:
@@ -229,7 +230,7 @@ def read(bag: str | Path) -> Recording:
     path = storage_file(bag)
     rows: dict[str, list[Any]] = {'joint_states': [], 'joint_commands': [], 'impulse_events': []}
     parameters: dict[str, dict[str, Any]] = {}
-    complete = False
+    receipt: dict[str, str] = {}
     layouts: dict[str, list[JointStateLayout]] | None = None
     for item in messages(path):
         if isinstance(item, Metadata):
@@ -237,7 +238,8 @@ def read(bag: str | Path) -> Recording:
                 name = item.name.removeprefix('parameters:')
                 parameters[name] = {key: json.loads(value)
                                     for key, value in item.metadata.items()}
-            complete |= item.name == 'recording'
+            elif item.name == 'recording':
+                receipt = item.metadata
             continue
         _, channel, message = item
         kind = channel.topic.rsplit('/', 1)[-1]
@@ -250,7 +252,7 @@ def read(bag: str | Path) -> Recording:
         states=np.array(rows['joint_states'], SAMPLE),
         commands=np.array(rows['joint_commands'], COMMAND),
         impulses=np.array(rows['impulse_events'], IMPULSE),
-        parameters=parameters, complete=complete)
+        parameters=parameters, receipt=receipt)
 
 
 def layouts_of(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, list[JointStateLayout]]:

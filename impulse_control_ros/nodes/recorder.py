@@ -40,7 +40,6 @@ from impulse_control_ros.nodes.topics import (
 
 BATCH = 250
 BATCH_PERIOD = 0.02
-PROGRESS_PERIOD = 0.1
 PARAMETER_TIMEOUT = 5.0
 DEFAULT_STEP_NS = 100_000
 
@@ -58,7 +57,7 @@ class Recorder(ParameterNode):
         self._timeline = Timeline(DEFAULT_STEP_NS)
         self._bags = 0
         self._readings: dict[str, ParameterReading] = {}
-        self._asked_at = self._batch_at = self._progress_at = 0.0
+        self._asked_at = self._batch_at = 0.0
         self._topics: list[tuple[Any, str]] = []
         self._inboxes: list[list[bytes]] = []
         self._channels: list[int] = []
@@ -146,6 +145,7 @@ class Recorder(ParameterNode):
             if 'time_step' in values:
                 step = nanoseconds(values['time_step'], 'time_step')
         self._timeline = Timeline(step)
+        self._first_at = self._last_at = 0.0
         self._channels = [self._add_topic(*topic) for topic in self._topics]
         self.get_logger().info(f'recording into {name}')
 
@@ -165,9 +165,13 @@ class Recorder(ParameterNode):
             taken = self._timeline.add(index, inbox)
             same = same and taken == len(inbox)
             del inbox[:taken]
+        entries = self._timeline.take(everything or not same)
+        if entries:
+            self._last_at = monotonic()
+            self._first_at = self._first_at or self._last_at
         channels = self._channels
         self.bag.write((stamp, channels[index], raw)
-                       for stamp, index, raw in self._timeline.take(everything or not same))
+                       for stamp, index, raw in entries)
         return same
 
     def _finish(self) -> None:
@@ -176,7 +180,8 @@ class Recorder(ParameterNode):
         count, missing = self.bag.count, self._timeline.missing
         self.bag.add_metadata('recording', {
             'messages': str(count), 'missing': str(missing),
-            'repeated': str(self._timeline.repeated)})
+            'repeated': str(self._timeline.repeated),
+            'wall_seconds': f'{self._last_at - self._first_at:.6f}'})
         self.bag.close()
         self.get_logger().info(f'{self.bag.folder}: {count} messages written, {missing} missing, '
                                f'{self._timeline.repeated} repeats dropped')
@@ -194,12 +199,11 @@ class Recorder(ParameterNode):
             self._prepare(now)
         elif not self._drain():
             self._finish()
-        elif now >= self._progress_at or self._inboxes:
-            self._tell_progress(now)
+        else:
+            self._tell_progress()
         return BATCH_PERIOD
 
-    def _tell_progress(self, now: float) -> None:
-        self._progress_at = now + PROGRESS_PERIOD
+    def _tell_progress(self) -> None:
         message = Header(frame_id=self.get_fully_qualified_name())
         message.stamp.sec, message.stamp.nanosec = divmod(self._timeline.reached, SECOND)
         self._progress.publish(message)

@@ -1,0 +1,70 @@
+"""``make demo``: the underdamped axis with PD alone and with impulses, recorded and compared."""
+
+from datetime import datetime
+from pathlib import Path
+import subprocess
+import sys
+
+from impulse_control_ros.core.metrics import overshoot, peak, settling_time
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.bag import BagError, read, Recording
+
+CASES = ('pd_only_lower', 'underdamped')
+
+
+def closed_loop(config: Path, bag: Path) -> int:
+    """Run one experiment through the installed executable; returns its exit status."""
+    return subprocess.run([
+        str(Path(sys.executable).with_name('closed_loop')), '--ros-args', '--params-file',
+        str(config), '-p', f'recorder:bag:={bag}', '--log-level', 'warn'],
+        check=False).returncode
+
+
+def rows(run: Recording) -> list[tuple[str, str]]:
+    """Return (what, value with unit) of a recorded run."""
+    states, receipt = run.states, run.receipt
+    time = (states['stamp'] - states['stamp'][0]) / SECOND
+    controller = next(values for values in run.parameters.values() if 'x_r' in values)
+    error = states['position'] - controller['x_r']
+    wall = float(receipt['wall_seconds'])
+    return [
+        ('settling time to 1e-2 m', f'{settling_time(time, error, 1e-2):.4f} s'),
+        ('settling time to 1e-3 m', f'{settling_time(time, error, 1e-3):.4f} s'),
+        ('overshoot', f'{overshoot(error):.2e} m'),
+        ('peak velocity', f'{peak(states["velocity"]):.3f} m/s'),
+        ('impulses', str(len(run.impulses))),
+        ('peak effort', f'{peak(run.commands["effort"]):.4g} N'),
+        ('messages recorded', receipt['messages']),
+        ('messages missing', receipt['missing']),
+        ('simulated per wall second', f'{time[-1] / wall:.2f}'),
+    ]
+
+
+def table(titles: list[str], columns: list[list[tuple[str, str]]]) -> str:
+    """Return the runs side by side."""
+    lines = [('', *titles)]
+    lines += [(cells[0][0], *(value for _, value in cells)) for cells in zip(*columns, strict=True)]
+    return '\n'.join(f'{name:<26}' + ''.join(f'{value:>16}' for value in values)
+                     for name, *values in lines)
+
+
+def main() -> int:
+    """Run both cases and print the table; returns the exit status."""
+    folder = Path('runs', f'{datetime.now():%Y_%m_%d-%H_%M_%S}')
+    bags = {case: folder / case for case in CASES}
+    for case, bag in bags.items():
+        print(f'{case}: recording {bag}', flush=True)
+        status = closed_loop(Path('config', f'{case}.yaml'), bag)
+        if status:
+            return status
+    try:
+        columns = [rows(read(bag)) for bag in bags.values()]
+    except BagError as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    print('\n' + table(['PD only', 'with impulses'], columns))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
