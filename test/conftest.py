@@ -11,7 +11,13 @@ import sys
 import time
 
 import pytest
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
 
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 BIN = Path(sys.executable).parent
@@ -19,15 +25,16 @@ PATIENCE = 240.0
 _domains = itertools.count(os.getpid() % 90)
 
 
-def wait_for(condition: Callable[[], object], what: str, patience: float = PATIENCE) -> object:
+def wait_for(condition: Callable[[], object], what: str,
+             pause: Callable[[], object] = lambda: time.sleep(0.02)) -> object:
     """Return the first true value of ``condition``; fail naming ``what`` when patience ends."""
-    end = time.monotonic() + patience
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         value = condition()
         if value:
             return value
-        time.sleep(0.02)
-    return pytest.fail(f'{what}: not within {patience:g} s')
+        pause()
+    return pytest.fail(f'{what}: not within {PATIENCE:g} s')
 
 
 class Process:
@@ -48,21 +55,18 @@ class Process:
     def running(self) -> bool:
         return self._popen.poll() is None
 
-    def says(self, text: str, patience: float = PATIENCE) -> None:
+    def says(self, text: str) -> None:
         """Wait until the output holds ``text``."""
-        try:
-            wait_for(lambda: text in self.output or not self.running, text, patience)
-            assert text in self.output
-        except (AssertionError, pytest.fail.Exception):
-            pytest.fail(f'{self.name} does not say {text!r}:\n{self.output}')
+        wait_for(lambda: text in self.output or not self.running, f'{self.name}: {text!r}')
+        assert text in self.output
 
     def send(self, number: signal.Signals) -> None:
         self._popen.send_signal(number)
 
-    def wait(self, patience: float = PATIENCE) -> int:
+    def wait(self) -> int:
         """Return the exit status."""
         try:
-            return self._popen.wait(patience)
+            return self._popen.wait(PATIENCE)
         except subprocess.TimeoutExpired:
             return pytest.fail(f'{self.name} does not end:\n{self.output}')
 
@@ -89,9 +93,9 @@ class Graph:
 
     @property
     def env(self) -> dict[str, str]:
-        return os.environ | {'ROS_DOMAIN_ID': str(self.domain),
-                             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                             'ROS_LOG_DIR': str(self.folder / 'log'), 'PYTHONUNBUFFERED': '1'}
+        return os.environ | {
+            'ROS_DOMAIN_ID': str(self.domain), 'ROS_LOG_DIR': str(self.folder / 'log'),
+            'PYTHONUNBUFFERED': '1'}
 
     def start(self, name: str, *arguments: object, config: Path | None = None,
               bin_folder: Path = BIN) -> Process:
@@ -128,3 +132,61 @@ def busy_loops(count: int) -> Iterator[None]:
             stack.callback(loop.wait)
             stack.callback(loop.kill)
         yield
+
+
+class Client:
+    """A node of the test's own on the graph's domain."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=graph.domain)
+        self.node = rclpy.create_node('test_client', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def spin_until(self, condition: Callable[[], object], what: str) -> object:
+        """Serve the node until ``condition`` is true; returns its value."""
+        return wait_for(condition, what, lambda: self._executor.spin_once(timeout_sec=0.05))
+
+    def call(self, service: str, kind: type, **request: object) -> object:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        try:
+            self.spin_until(client.service_is_ready, f'service {service}')
+            future = client.call_async(kind.Request(**request))
+            self.spin_until(future.done, f'response of {service}')
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def set(self, target: str, **values: object) -> SetParametersResult:
+        """Set parameters of a node, all or none."""
+        parameters = [Parameter(name, value=value).to_parameter_msg()
+                      for name, value in values.items()]
+        return self.call(f'/{target}/set_parameters_atomically', SetParametersAtomically,
+                         parameters=parameters).result
+
+    def get(self, target: str, *names: str) -> list[object]:
+        """Return parameters of a node."""
+        response = self.call(f'/{target}/get_parameters', GetParameters, names=list(names))
+        return [parameter_value_to_python(value) for value in response.values]
+
+    def listen(self, topic: str, kind: type) -> list[object]:
+        """Return a list that grows with the messages of a topic while this node is served."""
+        received: list[object] = []
+        self.node.create_subscription(kind, topic, received.append, 1000)
+        return received
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def client(graph: Graph) -> Iterator[Client]:
+    made = Client(graph)
+    try:
+        yield made
+    finally:
+        made.close()

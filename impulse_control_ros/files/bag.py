@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.records import Channel, Message, Metadata, Schema
@@ -203,11 +203,14 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message] | Metadata]:
-    """Yield the messages of a file in the order of time, or of the file when it has no index."""
+    """Yield the records of a file in the order of time; of a cut-off one, as far as it goes."""
     with path.open('rb') as stream, naming(path):
         reader = make_reader(stream)
-        summary = reader.get_summary()
-        if summary is not None and summary.statistics is not None:
+        try:
+            finished = reader.get_summary() is not None
+        except McapError:
+            finished = False
+        if finished:
             yield from reader.iter_metadata()
             yield from reader.iter_messages()
             return
@@ -221,7 +224,7 @@ def messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message] | Me
                     yield None, channels[record.channel_id], record
                 elif isinstance(record, Metadata):
                     yield record
-        except (EOFError, McapError):
+        except EndOfFile:
             return
 
 

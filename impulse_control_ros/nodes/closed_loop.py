@@ -7,14 +7,11 @@ import sys
 from rclpy.parameter import Parameter
 from tqdm import tqdm
 
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
-from impulse_control_ros.nodes.spin import parse, run, StopRequest
-
-PROG = 'closed_loop'
+from impulse_control_ros.nodes.spin import main as run_nodes, Maker
 
 
 class Progress:
@@ -47,10 +44,11 @@ class Progress:
             self._bar.close()
 
 
-def parameter_files(arguments: list[str]) -> list[str]:
-    """Return the values of --params-file."""
-    return [value for flag, value in zip(arguments, arguments[1:], strict=False)
-            if flag == '--params-file']
+def checked_files(arguments: list[str]) -> None:
+    """Refuse a parameter file with a node that is none of the three: rcl would pass it over."""
+    for flag, path in zip(arguments, arguments[1:], strict=False):
+        if flag == '--params-file':
+            read_experiment(path)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -60,17 +58,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Run the three nodes of a parameter file until the run is over."""
-    stop, progress = StopRequest(), Progress()
-    options = parse(PROG, 'Plant, controller and recorder in one process.', add_options)
-    try:
-        for path in parameter_files(sys.argv):
-            read_experiment(path)
-    except ParameterError as error:
-        print(f'{PROG}: {error}', file=sys.stderr)
-        return 2
-    makers = [partial(progress.make_plant, not options.no_recorder), Controller]
-    if not options.no_recorder:
-        makers.append(Recorder)
-    status = run(PROG, makers, stop, progress.show if sys.stderr.isatty() else None)
+    progress = Progress()
+
+    def makers(options: argparse.Namespace) -> list[Maker]:
+        checked_files(sys.argv)
+        record = not options.no_recorder
+        return [partial(progress.make_plant, record), Controller, *[Recorder] * record]
+
+    status = run_nodes('closed_loop', 'Plant, controller and recorder in one process.', makers,
+                       add_options, progress.show if sys.stderr.isatty() else None)
     progress.close()
     return status

@@ -154,5 +154,4 @@ class Controller(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('controller', Controller,
-                    'PD and impulses: answers joint_states with joint_commands.')
+    return run_node('controller', 'PD and impulses: answers joint_states with joint_commands.', lambda _: [Controller])

@@ -352,5 +352,4 @@ class PlantSimulator(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('plant_simulator', PlantSimulator,
-                    'The axis in simulated time: joint_states out, joint_commands in.')
+    return run_node('plant_simulator', 'The axis in simulated time: joint_states out, joint_commands in.', lambda _: [PlantSimulator])

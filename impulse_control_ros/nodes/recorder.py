@@ -217,6 +217,8 @@ class Recorder(ParameterNode):
 
     def close(self) -> None:
         """Finish the bag with all that has arrived."""
+        if not self._bags:
+            self.get_logger().warning('nothing recorded: plant and controller were not both there')
         while self.bag:
             same = self._drain(everything=True)
             self._finish()
@@ -226,4 +228,4 @@ class Recorder(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('recorder', Recorder, 'Records the run into a rosbag2 folder (MCAP).')
+    return run_node('recorder', 'Records the run into a rosbag2 folder (MCAP).', lambda _: [Recorder])

@@ -11,10 +11,11 @@ import argparse
 from collections.abc import Callable, Sequence
 import signal
 import sys
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -22,21 +23,7 @@ from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.bag import BagError
 
 IDLE = 0.1
-
-
-class Spun(Protocol):
-    """What the loop needs of a node beside rclpy's."""
-
-    finished: bool
-
-    def poll(self) -> float:
-        """Do what is due by the wall clock; return the seconds until it wants to be asked."""
-
-    def close(self) -> None:
-        """Hand over what is still held, before the node is destroyed."""
-
-    def destroy_node(self) -> None:
-        """As rclpy."""
+Maker = Callable[[], Any]
 
 
 class StopRequest:
@@ -63,7 +50,13 @@ def make_executor() -> Executor:
 
 
 def spin(nodes: Sequence[Any], stop: StopRequest, each: Callable[[], None] | None = None) -> None:
-    """Serve the nodes until one is finished or a stop is requested; then close them in order."""
+    """
+    Serve the nodes until one is finished or a stop is requested; then close them in order.
+
+    A node has, beside what rclpy gives it, ``finished``; ``poll()``, which does what is due by
+    the wall clock and returns the seconds until it wants to be asked again; and ``close()``,
+    which hands over what it still holds.
+    """
     executor = make_executor()
     try:
         for node in nodes:
@@ -78,21 +71,26 @@ def spin(nodes: Sequence[Any], stop: StopRequest, each: Callable[[], None] | Non
         executor.shutdown()
 
 
-def run(prog: str, makers: Sequence[Callable[[], Any]], stop: StopRequest,
-        each: Callable[[], None] | None = None) -> int:
-    """Make the nodes and spin them; returns the exit status: 0 done, 2 refused, 1 failed."""
-    nodes: list[Any] = []
+def main(prog: str, description: str, makers: Callable[[argparse.Namespace], list[Maker]],
+         add_options: Callable[[argparse.ArgumentParser], None] | None = None,
+         each: Callable[[], None] | None = None) -> int:
+    """
+    Be the whole of an executable; returns the exit status.
+
+    ``makers`` returns from the parsed options what makes the nodes. 0: done; 2: bad arguments or
+    parameters, said in one line; 1: anything else.
+    """
+    stop, nodes = StopRequest(), []
     try:
+        options = parse(prog, description, add_options)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        for make in makers:
+        for make in makers(options):
             nodes.append(make())
-    except (ParameterError, BagError, rclpy.exceptions.InvalidParameterTypeException) as error:
-        return leave(nodes, f'{prog}: {error}', 2)
-    except Exception as error:  # rcl raises its own types for bad arguments, all about argv
+    except (ParameterError, BagError, _rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
         return leave(nodes, f'{prog}: {first_line(error)}', 2)
     try:
         spin(nodes, stop, each)
-    except BagError as error:
+    except (BagError, OSError) as error:
         return leave(nodes, f'{prog}: {error}', 1)
     except BaseException:
         leave(nodes, '', 1)
@@ -104,8 +102,7 @@ def leave(nodes: Sequence[Any], message: str, status: int) -> int:
     """Destroy the nodes, shut rclpy down, say why; returns ``status``."""
     for node in reversed(nodes):
         node.destroy_node()
-    if rclpy.ok():
-        rclpy.shutdown()
+    rclpy.try_shutdown()
     if message:
         print(message, file=sys.stderr)
     return status
@@ -113,22 +110,15 @@ def leave(nodes: Sequence[Any], message: str, status: int) -> int:
 
 def first_line(error: BaseException) -> str:
     """Return rcl's message without its source locations, on one line."""
-    return ' '.join(str(error).split(', at ./')[0].split(', at /')[0].split())
+    return ' '.join(str(error).split(', at /')[0].split(', at ./')[0].split())
 
 
-def parse(prog: str, description: str, add: Callable[[argparse.ArgumentParser], None] | None = None
-          ) -> argparse.Namespace:
-    """Parse what is not for ROS; ``--help`` and its exit statuses are argparse's."""
+def parse(prog: str, description: str,
+          add_options: Callable[[argparse.ArgumentParser], None] | None) -> argparse.Namespace:
+    """Parse what is not for ROS."""
     parser = argparse.ArgumentParser(
         prog=prog, description=description,
         epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p K:=12.0')
-    if add:
-        add(parser)
+    if add_options:
+        add_options(parser)
     return parser.parse_args(remove_ros_args(sys.argv)[1:])
-
-
-def main(prog: str, make: Callable[[], Any], description: str) -> int:
-    """Be the whole of a single node's executable."""
-    stop = StopRequest()
-    parse(prog, description)
-    return run(prog, [make], stop)

@@ -1,0 +1,162 @@
+"""Processes that die in the middle of a run, and what is left of it."""
+
+import signal
+
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.files.bag import read
+from impulse_control_ros.files.experiment import read_experiment
+from test.conftest import CONFIG
+
+UNDERDAMPED = CONFIG / 'underdamped.yaml'
+STEPS = 20_000
+
+
+class Running:
+    """Three processes on underdamped.yaml, and how far they are."""
+
+    def __init__(self, graph, client):
+        self.graph, self.client = graph, client
+        self.bag = graph.folder / 'bag'
+        self.states = client.listen('/joint_states', JointState)
+        self.plant = self.start('plant_simulator')
+        self.controller = self.start('controller')
+        self.recorder = self.start('recorder', '--ros-args', '-p', f'bag:={self.bag}')
+
+    def start(self, name, *arguments):
+        return self.graph.start(name, *arguments, config=UNDERDAMPED)
+
+    def reach(self, seconds):
+        """Serve until a state of so many simulated seconds has been seen."""
+        def reached():
+            if not self.states:
+                return False
+            stamp = self.states[-1].header.stamp
+            return stamp.sec + stamp.nanosec * 1e-9 >= 1.0 + seconds
+        self.client.spin_until(reached, f'{seconds} s of simulated time')
+
+    def finish(self, bag=None):
+        """Wait for the end of the run; returns the recording."""
+        assert self.plant.wait() == 0, self.plant.output
+        assert self.recorder.interrupt() == 0, self.recorder.output
+        assert self.controller.interrupt() == 0, self.controller.output
+        for process in (self.plant, self.recorder, self.controller):
+            assert 'Traceback' not in process.output
+        return read(bag or self.bag)
+
+
+@pytest.fixture
+def running(graph, client):
+    return Running(graph, client)
+
+
+def assert_whole(run):
+    stamps = 1_000_000_000 + np.arange(STEPS + 1) * 100_000
+    assert np.array_equal(run.states['stamp'], stamps)
+    assert np.array_equal(np.unique(run.commands['stamp']), stamps)
+    assert run.receipt['missing'] == '0'
+
+
+def test_a_killed_and_restarted_controller_costs_no_step(running):
+    running.reach(0.3)
+    running.controller.send(signal.SIGKILL)
+    running.controller.wait()
+    running.plant.says('published again')
+    running.controller = running.start('controller')
+    run = running.finish()
+    assert_whole(run)
+    assert abs(run.states['position'][-1]) < 1e-6
+
+
+def test_a_controller_that_is_stopped_and_goes_on_costs_no_step_and_no_bit(running):
+    running.reach(0.05)
+    running.controller.send(signal.SIGSTOP)
+    running.plant.says('published again')
+    running.controller.send(signal.SIGCONT)
+    run = running.finish()
+    assert_whole(run)
+    experiment = read_experiment(UNDERDAMPED)
+    alone = simulate(experiment.plant_simulator, experiment.controller, 2.0)
+    assert run.states['position'].tobytes() == alone.position.tobytes()
+
+
+def test_a_restarted_plant_makes_a_whole_new_run_in_a_bag_of_its_own(running):
+    running.reach(0.3)
+    running.plant.send(signal.SIGKILL)
+    running.plant.wait()
+    running.plant = running.start('plant_simulator')
+    running.controller.says('started afresh')
+    run = running.finish(running.bag.with_name('bag-2'))
+    assert_whole(run)
+    experiment = read_experiment(UNDERDAMPED)
+    alone = simulate(experiment.plant_simulator, experiment.controller, 2.0)
+    assert run.states['position'].tobytes() == alone.position.tobytes()
+    assert run.commands['effort'].tobytes() == alone.effort.tobytes()
+    first = read(running.bag)
+    assert first.receipt['missing'] == '0'
+    assert first.states['position'].tobytes() == alone.position[:len(first.states)].tobytes()
+
+
+def test_a_stopped_recorder_holds_the_run_and_loses_nothing(running):
+    running.reach(0.3)
+    running.recorder.send(signal.SIGSTOP)
+    running.reach(0.35)
+    running.recorder.send(signal.SIGCONT)
+    assert_whole(running.finish())
+
+
+def test_what_a_killed_recorder_has_written_reads_back_and_the_run_goes_on(running):
+    running.reach(1.0)
+    running.recorder.send(signal.SIGKILL)
+    running.recorder.wait()
+    running.plant.says('has left')
+    assert running.plant.wait() == 0
+    running.controller.interrupt()
+    run = read(running.bag)
+    assert run.receipt == {}
+    assert len(run.states) > 5_000
+    assert np.array_equal(run.states['stamp'],
+                          1_000_000_000 + np.arange(len(run.states)) * 100_000)
+    messages = 0
+    with (running.bag / 'bag_0.mcap').open('rb') as stream, pytest.raises(EndOfFile):
+        for record in StreamReader(stream).records:
+            messages += isinstance(record, Message)
+    assert messages >= 2 * len(run.states)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_ended_recorder_leaves_a_finished_bag_and_the_run_goes_on(running, number):
+    running.reach(0.5)
+    running.recorder.send(number)
+    assert running.recorder.wait() == 0
+    run = read(running.bag)
+    assert run.receipt['missing'] == '0'
+    assert len(run.states) > 2_000
+    assert running.plant.wait() == 0
+    assert running.controller.interrupt() == 0
+
+
+def test_a_late_recorder_joins_and_misses_nothing_from_then_on(graph, client):
+    config = CONFIG / 'underdamped.yaml'
+    plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
+                        'wait_for_recorder:=false', '-p', 'real_time_factor:=0.1')
+    controller = graph.start('controller', config=config)
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 1000, 'a thousand states')
+    bag = graph.folder / 'late'
+    recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
+    plant.says('joined the lockstep')
+    assert client.set('plant_simulator', real_time_factor=0.0).successful
+    assert plant.wait() == 0
+    assert recorder.interrupt() == 0
+    controller.interrupt()
+    run = read(bag)
+    assert run.receipt['missing'] == '0'
+    assert run.states['stamp'][-1] == 3_000_000_000
+    assert run.commands['stamp'][-1] == 3_000_000_000
