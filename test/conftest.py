@@ -1,6 +1,6 @@
 """Real processes on a ROS domain of their own, and a rclpy node to talk to them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 import itertools
 import os
@@ -89,11 +89,13 @@ class Graph:
     def __init__(self, folder: Path) -> None:
         self.domain = next(_domains) % 100 + 1
         self.folder = folder
+        self.environment: Mapping[str, str] = os.environ
         self._processes: list[Process] = []
 
     @property
     def env(self) -> dict[str, str]:
-        return os.environ | {
+        return {
+            **self.environment,
             'ROS_DOMAIN_ID': str(self.domain), 'ROS_LOG_DIR': str(self.folder / 'log'),
             'PYTHONUNBUFFERED': '1'}
 

@@ -30,7 +30,7 @@ import math
 import numba
 import numpy as np
 
-from impulse_control_ros.core.damping import Damping, DAMPING, damping_at
+from impulse_control_ros.core.damping import Damping, damping_at
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 

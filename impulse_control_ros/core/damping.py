@@ -46,12 +46,13 @@ class Damping(Parameters):
     bandwidth: float = parameter(
         5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
         open_lower=True)
-    seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=2**63 - 1)
+    seed: int = parameter(1, '', 'seed of the noise', lower=0)
 
     def check(self) -> None:
-        """The bounds must not be crossed."""
+        """Refuse crossed bounds."""
         if self.lower > self.upper:
-            raise refusal('damping.lower', self.lower, f'<= damping.upper = {self.upper:g} [N s/m]')
+            raise refusal('damping.lower', self.lower,
+                          f'<= damping.upper = {self.upper:g} [N s/m]')
 
     def packed(self, time_step: float) -> np.ndarray:
         """Return the kernels' view: shape (1,), dtype DAMPING."""

@@ -15,7 +15,8 @@ def findings(gains: Controller) -> list[str]:
     right = critical_damping(gains)
     if math.isclose(gains.D, right, rel_tol=1e-6, abs_tol=1e-9):
         return []
+    least = gains.d_bar**2 / (4.0 * gains.m)
     remedy = f'D = {right:g} N s/m is' if right >= 0 else (
-        f'no D is (d_bar alone overdamps); K = {gains.d_bar**2 / (4 * gains.m):g} N/m with D = 0 is')
+        f'no D is, for d_bar alone overdamps; K = {least:g} N/m with D = 0 is')
     return [f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
             f'((d_bar + D)^2 != 4 m K): {remedy}']

@@ -71,8 +71,7 @@ class Controller(Parameters):
     velocity_deadband: float = parameter(
         1e-6, 'm/s', 'counts as standing; position-zero impulses need more', lower=0.0)
     hold_off: int = parameter(
-        0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0,
-        upper=2**31)
+        0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0)
     time_step: float = parameter(
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
         read_only=True)
@@ -83,7 +82,7 @@ class Controller(Parameters):
 
     def packed(self) -> np.ndarray:
         """Return the kernels' view: shape (1,), dtype GAINS."""
-        return np.array([tuple(getattr(self, name) for name in GAINS.names)], GAINS)
+        return np.array([tuple(getattr(self, name) for name in GAINS.fields or ())], GAINS)
 
 
 def fresh_memory() -> np.ndarray:

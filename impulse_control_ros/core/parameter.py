@@ -6,7 +6,7 @@ Everything else derives from these fields: validation at birth, the ROS declarat
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, MISSING
+from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 import math
 from operator import attrgetter
@@ -38,8 +38,8 @@ class Spec:
     read_only: bool = False
     reference: str = ''
 
-    def allowed(self) -> str:
-        """Say in words what is allowed, e.g. ``> 0``."""
+    def allowed(self, kind: type = float) -> str:
+        """Say in words what is allowed for a parameter of type ``kind``, e.g. ``> 0``."""
         if self.choices:
             text = 'one of ' + ', '.join(str(choice) for choice in self.choices)
         elif self.lower is not None and self.upper is not None:
@@ -50,7 +50,7 @@ class Spec:
         elif self.upper is not None:
             text = f'{"<" if self.open_upper else "<="} {self.upper:g}'
         else:
-            text = 'finite'
+            text = 'finite' if kind is float else TYPES[kind]
         return text + (f', {self.reference}' if self.reference else '')
 
     def contains(self, value: Any) -> bool:
@@ -107,8 +107,14 @@ def declared(kind: type[Parameters], nested: bool = True) -> list[tuple[str, Any
             found.append((item.name, item.default, item.metadata['spec']))
         elif nested:
             found += [(f'{item.name}.{name}', default, spec)
-                      for name, default, spec in declared(item.type)]
+                      for name, default, spec in declared(nested_kind(item))]
     return found
+
+
+def nested_kind(item: Field[Any]) -> type['Parameters']:
+    """Return the class of a field that holds a parameter set."""
+    assert isinstance(item.type, type)
+    return item.type
 
 
 def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
@@ -129,7 +135,7 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     for item in fields(kind):
         if item.default is MISSING:
             prefix = f'{item.name}.'
-            inner[item.name] = build(item.type, {
+            inner[item.name] = build(nested_kind(item), {
                 name.removeprefix(prefix): right.pop(name)
                 for name in list(right) if name.startswith(prefix)})
     return kind(**right, **inner)
@@ -152,5 +158,5 @@ def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:
     if type(value) is not kind:
         raise refusal(name, value, TYPES[kind] + unit)
     if not spec.contains(value):
-        raise refusal(name, value, spec.allowed() + unit)
+        raise refusal(name, value, spec.allowed(kind) + unit)
     return value

@@ -15,8 +15,8 @@ from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 from mcap.records import Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 import numpy as np
 import yaml
@@ -55,7 +55,7 @@ class BagError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A recorded topic: absolute ``name``, ``type`` as pkg/msg/Name, nine QoS keys, RIHS01 hash."""
+    """A recorded topic: absolute name, type as pkg/msg/Name, nine QoS keys per publisher, hash."""
 
     name: str
     type: str

@@ -86,7 +86,7 @@ class JointStateLayout:
         pieces[5:-1:2] = values
         return self._packed.pack(*pieces)
 
-    def decode(self, raw: bytes) -> tuple[int, int, *tuple[float, ...]] | None:
+    def decode(self, raw: bytes) -> tuple[Any, ...] | None:
         """Return (sec, nanosec, *values), or None for another layout."""
         if len(raw) < self.size or (
                 int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):

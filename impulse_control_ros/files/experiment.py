@@ -15,7 +15,12 @@ import yaml
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.parameter import (
-    build, parameter, ParameterError, Parameters, refusal)
+    build,
+    parameter,
+    ParameterError,
+    Parameters,
+    refusal,
+)
 from impulse_control_ros.core.tick import nanoseconds
 
 
@@ -43,7 +48,7 @@ class PlantParameters(Axis):
         1000.0, 'Hz', 'messages on damping per simulated second, when it varies; 0 for none',
         lower=0.0)
     step_ticks: int = parameter(
-        1, 'samples', 'samples that one call of ~/step makes', lower=1, upper=2**31)
+        1, 'samples', 'samples that one call of ~/step makes', lower=1)
     wait_for_recorder: bool = parameter(
         False, '', 'whether the first state waits for a recorder', read_only=True)
 
@@ -122,7 +127,7 @@ def read_experiment(path: str | Path) -> Experiment:
         content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
     except (OSError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
-    sets = {}
+    sets: dict[str, Any] = {}
     for name, section in (content or {}).items():
         if name not in NODES:
             raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')

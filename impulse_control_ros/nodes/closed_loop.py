@@ -3,6 +3,7 @@
 import argparse
 from functools import partial
 import sys
+from typing import Any
 
 from rclpy.parameter import Parameter
 from tqdm import tqdm
@@ -11,7 +12,8 @@ from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
-from impulse_control_ros.nodes.spin import main as run_nodes, Maker
+from impulse_control_ros.nodes.spin import main as run_nodes
+from impulse_control_ros.nodes.spin import Maker
 
 
 class Progress:
@@ -19,7 +21,7 @@ class Progress:
 
     def __init__(self) -> None:
         self.plant: PlantSimulator | None = None
-        self._bar: tqdm | None = None
+        self._bar: Any = None
 
     def make_plant(self, record: bool) -> PlantSimulator:
         """Make the plant that is shown; it waits for the recorder when there is one."""

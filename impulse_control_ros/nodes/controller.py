@@ -23,10 +23,21 @@ from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUAR
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.spin import IDLE
+from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
-    command_layout, event_layout, EVENT_QOS, IMPULSE_EVENTS, JOINT_COMMANDS, JOINT_STATES,
-    RESET_MARK, SERIES_QOS, SETPOINT, SLOW_QOS, state_layout)
+    command_layout,
+    event_layout,
+    EVENT_QOS,
+    IMPULSE_EVENTS,
+    JOINT_COMMANDS,
+    JOINT_STATES,
+    RESET_MARK,
+    SERIES_QOS,
+    SETPOINT,
+    SLOW_QOS,
+    state_layout,
+)
 
 
 class Controller(ParameterNode):
@@ -112,7 +123,7 @@ class Controller(ParameterNode):
         self._commands.publish(command)
         self._counts['repeated'] += 1
 
-    def _decode_slowly(self, raw: bytes) -> tuple[int, int, float, float, float] | None:
+    def _decode_slowly(self, raw: bytes) -> tuple[Any, ...] | None:
         """Decode any JointState: of several joints, another byte order, or with the reset mark."""
         joint = self.parameters.joint_name
         try:
@@ -154,4 +165,5 @@ class Controller(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('controller', 'PD and impulses: answers joint_states with joint_commands.', lambda _: [Controller])
+    return run_node('controller', 'PD and impulses: answers joint_states with joint_commands.',
+                    lambda _: [Controller])

@@ -11,14 +11,17 @@ import sys
 from typing import Any
 
 from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
 
-from impulse_control_ros.core.parameter import (
-    build, declared, ParameterError, Parameters, Spec)
+from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters, Spec
 
 TYPES = {float: Parameter.Type.DOUBLE, int: Parameter.Type.INTEGER, bool: Parameter.Type.BOOL,
          str: Parameter.Type.STRING, tuple: Parameter.Type.STRING_ARRAY}
@@ -31,7 +34,7 @@ def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
     unit = f' [{spec.unit}]' if spec.unit else ''
     made = ParameterDescriptor(
         type=TYPES[type(default)].value, description=spec.description + unit,
-        additional_constraints=spec.allowed(), read_only=spec.read_only)
+        additional_constraints=spec.allowed(type(default)), read_only=spec.read_only)
     if spec.lower is not None or spec.upper is not None:
         largest = sys.float_info.max if isinstance(default, float) else 2**63 - 1
         lower = -largest if spec.lower is None else spec.lower

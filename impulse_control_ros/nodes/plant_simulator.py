@@ -32,10 +32,21 @@ from impulse_control_ros.files.cdr import encode_float64, encode_time
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.spin import IDLE
+from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
-    CLOCK, command_layout, DAMPING, JOINT_COMMANDS, JOINT_STATES, RECORDER_PROGRESS, RESET_MARK,
-    SERIES_QOS, SLOW_QOS, state_layout, WINDOW)
+    CLOCK,
+    command_layout,
+    DAMPING,
+    JOINT_COMMANDS,
+    JOINT_STATES,
+    RECORDER_PROGRESS,
+    RESET_MARK,
+    SERIES_QOS,
+    SLOW_QOS,
+    state_layout,
+    WINDOW,
+)
 
 HANDSHAKE = 0.1
 ENDLESS = 2**62
@@ -157,7 +168,7 @@ class PlantSimulator(ParameterNode):
             if self.parameters.lockstep:
                 self._proceed()
 
-    def _decode_slowly(self, raw: bytes) -> tuple[int, int, float] | None:
+    def _decode_slowly(self, raw: bytes) -> tuple[Any, ...] | None:
         """Decode any JointState, of several joints or in another byte order."""
         joint = self.parameters.joint_name
         try:
@@ -206,11 +217,8 @@ class PlantSimulator(ParameterNode):
                 self._end()
         elif self._reset_wanted:
             self._reset_state()
-        elif self._paused and not self._steps_left:
-            return
-        elif self._wall_step and monotonic() < self._due():
-            return
-        else:
+        elif not (self._paused and not self._steps_left
+                  or self._wall_step and monotonic() < self._due()):
             if self._steps_left:
                 self._steps_left -= 1
             self._step()
@@ -352,4 +360,6 @@ class PlantSimulator(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('plant_simulator', 'The axis in simulated time: joint_states out, joint_commands in.', lambda _: [PlantSimulator])
+    return run_node(
+        'plant_simulator', 'The axis in simulated time: joint_states out, joint_commands in.',
+        lambda _: [PlantSimulator])

@@ -35,8 +35,15 @@ from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.parameters import ParameterNode, ParameterReading
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
-    EVENT_QOS, IMPULSE_EVENTS, JOINT_COMMANDS, JOINT_STATES, qos_keys, RECORDER_PROGRESS,
-    SERIES_QOS, SLOW_QOS)
+    EVENT_QOS,
+    IMPULSE_EVENTS,
+    JOINT_COMMANDS,
+    JOINT_STATES,
+    qos_keys,
+    RECORDER_PROGRESS,
+    SERIES_QOS,
+    SLOW_QOS,
+)
 
 BATCH = 250
 BATCH_PERIOD = 0.02
@@ -228,4 +235,5 @@ class Recorder(ParameterNode):
 
 def main() -> int:
     """Run the node."""
-    return run_node('recorder', 'Records the run into a rosbag2 folder (MCAP).', lambda _: [Recorder])
+    return run_node('recorder', 'Records the run into a rosbag2 folder (MCAP).',
+                    lambda _: [Recorder])

@@ -43,7 +43,8 @@ def rows(run: Recording) -> list[tuple[str, str]]:
 def table(titles: list[str], columns: list[list[tuple[str, str]]]) -> str:
     """Return the runs side by side."""
     lines = [('', *titles)]
-    lines += [(cells[0][0], *(value for _, value in cells)) for cells in zip(*columns, strict=True)]
+    lines += [(cells[0][0], *(value for _, value in cells))
+              for cells in zip(*columns, strict=True)]
     return '\n'.join(f'{name:<26}' + ''.join(f'{value:>16}' for value in values)
                      for name, *values in lines)
 

@@ -1,5 +1,6 @@
 """Processes that die in the middle of a run, and what is left of it."""
 
+from contextlib import suppress
 import signal
 
 from mcap.exceptions import EndOfFile
@@ -124,7 +125,7 @@ def test_what_a_killed_recorder_has_written_reads_back_and_the_run_goes_on(runni
     assert np.array_equal(run.states['stamp'],
                           1_000_000_000 + np.arange(len(run.states)) * 100_000)
     messages = 0
-    with (running.bag / 'bag_0.mcap').open('rb') as stream, pytest.raises(EndOfFile):
+    with (running.bag / 'bag_0.mcap').open('rb') as stream, suppress(EndOfFile):
         for record in StreamReader(stream).records:
             messages += isinstance(record, Message)
     assert messages >= 2 * len(run.states)

@@ -1,0 +1,36 @@
+"""Write docs/parameters.md: every parameter of every node, from its one declaration."""
+
+import sys
+
+from impulse_control_ros.core.parameter import declared, Parameters
+from impulse_control_ros.files.experiment import NODES
+
+HEAD = """# Parameters
+
+Made by `python -m impulse_control_ros.tools.parameter_table`. All can be set while the nodes run
+(`ros2 param set`), except those marked fixed.
+"""
+
+
+def rows(kind: type[Parameters]) -> list[str]:
+    """Return the Markdown table of a node's parameters."""
+    lines = ['| parameter | default | unit | allowed | meaning |', '|---|---|---|---|---|']
+    for name, default, spec in declared(kind):
+        shown = ', '.join(default) if isinstance(default, tuple) else str(default)
+        fixed = ' (fixed)' if spec.read_only else ''
+        allowed = spec.allowed(type(default)).replace('|', '\\|')
+        lines.append(f'| `{name}` | {shown} | {spec.unit} | {allowed} | '
+                     f'{spec.description}{fixed} |')
+    return lines
+
+
+def document() -> str:
+    """Return the whole file."""
+    parts = [HEAD]
+    for node, kind in NODES.items():
+        parts.append('\n'.join([f'## {node}', '', *rows(kind), '']))
+    return '\n'.join(parts)
+
+
+if __name__ == '__main__':
+    sys.stdout.write(document())

@@ -1,0 +1,176 @@
+"""
+The README's commands, run as it says: colcon build, then the executables where ros2 run looks.
+
+``ros2 run``, ``param``, ``topic pub`` and ``service call`` are carried out as those verbs do
+(execute the installed file; use the node's services and topics): ros2cli is not on PyPI.
+"""
+
+from importlib import import_module
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from impulse_control_ros.files.bag import read
+from impulse_control_ros.tools.parameter_table import document
+from test.conftest import BIN, ROOT
+
+README = (ROOT / 'README.md').read_text()
+FENCES = re.findall(r'^```(\w*)\n(.*?)^```', README, re.S | re.M)
+COMMANDS = [line for language, block in FENCES if language == 'bash'
+            for line in block.splitlines()]
+PACKAGE = 'impulse_control_ros'
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """Return a workspace with what git tracks, built by the README's colcon command."""
+    folder = tmp_path_factory.mktemp('workspace')
+    tracked = subprocess.run(['git', 'ls-files', '-co', '--exclude-standard'], cwd=ROOT,
+                             check=True, capture_output=True, text=True).stdout.split('\n')
+    for name in filter(None, tracked):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, folder / name)
+    assert 'colcon build' in COMMANDS
+    built = subprocess.run([str(BIN / 'colcon'), 'build'], cwd=folder, capture_output=True,
+                           text=True, env=colcon_environment(), check=False)
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+def sourced(workspace):
+    """Return the environment after ``source install/setup.bash``."""
+    assert 'source install/setup.bash' in COMMANDS
+    said = subprocess.run(['bash', '-c', 'source install/setup.bash && env -0'], cwd=workspace,
+                          env=colcon_environment(), check=True, capture_output=True, text=True)
+    return dict(line.split('=', 1) for line in said.stdout.split('\0') if line)
+
+
+def colcon_environment():
+    path = f'{BIN}{os.pathsep}{os.environ["PATH"]}'
+    return os.environ | {'PATH': path, 'AMENT_PREFIX_PATH': sys.prefix}
+
+
+class Shell:
+    """Carries out the README's lines in the built workspace."""
+
+    def __init__(self, graph, client, workspace):
+        self.graph, self.client = graph, client
+        graph.environment = sourced(workspace)
+        self._prefix = workspace / 'install' / PACKAGE
+        self._config = workspace / 'config'
+        self.outcomes = []
+
+    def run(self, line):
+        words = [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', line)]
+        verb = '_'.join(words[1:3]) if words[1] in ('param', 'topic', 'service') else words[1]
+        outcome = getattr(self, verb)(*words[3:] if '_' in verb else words[2:])
+        self.outcomes.append(outcome)
+        return outcome
+
+    def start(self, line):
+        words = line.split()
+        assert words[:3] == ['ros2', 'run', PACKAGE]
+        arguments = [
+            str(self._config / word.removeprefix('config/')) if word.startswith('config/')
+            else word.replace('runs/', f'{self.graph.folder}/') for word in words[4:]]
+        return self.graph.start(words[3], *arguments, bin_folder=self._prefix / 'lib' / PACKAGE)
+
+    def param_set(self, node, name, value):
+        result = self.client.set(node.strip('/'), **{name: yaml.safe_load(value)})
+        assert result.successful, result.reason
+        return name
+
+    def param_get(self, node, name):
+        return self.client.get(node.strip('/'), name)[0]
+
+    def topic_pub(self, once, topic, kind, content):
+        assert once == '--once'
+        package, _, name = kind.split('/')
+        message = getattr(import_module(f'{package}.msg'), name)
+        publisher = self.client.node.create_publisher(message, topic, 10)
+        self.client.spin_until(publisher.get_subscription_count, f'a subscriber of {topic}')
+        publisher.publish(message(**yaml.safe_load(content)))
+        return topic
+
+    def service_call(self, service, kind, content='{}'):
+        package, _, name = kind.split('/')
+        response = self.client.call(service, getattr(import_module(f'{package}.srv'), name),
+                                    **yaml.safe_load(content))
+        assert response.success, response.message
+        return response.message
+
+
+@pytest.fixture
+def shell(graph, client, workspace):
+    return Shell(graph, client, workspace)
+
+
+def ros2(verb):
+    return [line for line in COMMANDS if line.startswith(f'ros2 {verb} ')]
+
+
+def test_every_command_of_the_readme_is_run_here_or_by_ci():
+    known = {'make demo', 'make test', 'colcon build', 'source install/setup.bash'}
+    known |= {line for verb in ('run', 'param', 'topic', 'service') for line in ros2(verb)}
+    assert len(COMMANDS) > 10
+    assert [line for line in COMMANDS if line not in known] == []
+
+
+def test_the_workspace_can_be_sourced_and_finds_the_built_package(workspace):
+    said = subprocess.run(
+        [sys.executable, '-c', f'import {PACKAGE}; print({PACKAGE}.__file__)'], cwd='/',
+        env=sourced(workspace), check=True, capture_output=True, text=True)
+    assert said.stdout.startswith(str(workspace / 'install'))
+
+
+def test_the_composed_run_of_the_readme_is_recorded(shell):
+    line = next(line for line in ros2('run') if ' closed_loop ' in line)
+    process = shell.start(line)
+    assert process.wait() == 0, process.output
+    assert len(read(shell.graph.folder / 'underdamped').states) == 20_001
+
+
+def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
+    nodes = [shell.start(line) for line in ros2('run') if ' closed_loop ' not in line]
+    assert len(nodes) == 3
+    for line in COMMANDS[COMMANDS.index(ros2('param')[0]):]:
+        shell.run(line)
+    assert 12.0 in shell.outcomes
+    assert shell.client.get('controller', 'x_r') == [0.1]
+    for process in nodes:
+        assert process.interrupt() == 0, process.output
+    run = read(shell.graph.folder / 'axis')
+    assert run.receipt['missing'] == '0'
+    assert (np.diff(run.states['stamp']) == 100_000).all()
+
+
+def test_make_demo_prints_the_table_of_the_readme(tmp_path, graph):
+    shutil.copytree(ROOT / 'config', tmp_path / 'config')
+    said = subprocess.run([sys.executable, '-m', f'{PACKAGE}.tools.demo'], cwd=tmp_path,
+                          env=graph.env, check=True, capture_output=True, text=True).stdout
+    table = next(block for language, block in FENCES if 'settling' in block)
+    for line in table.strip('\n').splitlines():
+        assert line in said
+
+
+def test_the_python_of_the_readme_runs(tmp_path):
+    code = next(block for language, block in FENCES if language == 'python')
+    said = subprocess.run([sys.executable, '-c', code], cwd=ROOT, check=True,
+                          capture_output=True, text=True).stdout
+    assert abs(float(said.split()[0])) < 1.34e-4
+
+
+def test_every_link_of_the_readme_leads_somewhere():
+    for link in re.findall(r'\]\(([^)]+)\)', README):
+        assert (ROOT / link).exists(), link
+
+
+def test_the_parameter_table_is_up_to_date():
+    assert Path(ROOT, 'docs', 'parameters.md').read_text() == document()
