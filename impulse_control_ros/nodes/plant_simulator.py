@@ -5,13 +5,6 @@ Lockstep (the default): state k is published, and sample k + 1 is made only afte
 that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
 the next sample, in this order: the command, a pause, a recorder that is behind, and the real
 time factor. Free running: samples are made by the wall clock with the last command held.
-
-Recorders join the lockstep by themselves: each publishes on recorder_progress the stamp up to
-which it has states and commands (frame_id: its name). The plant stays at most WINDOW samples
-ahead of the slowest, and whenever an endpoint may be new (a recorder joined, a state had to be
-published again) it publishes the state until every recorder has it and its command. That is
-flow control over ordinary topics: DDS alone would drop (keep last) or fail the publish (keep
-all), and neither is seen by the sender.
 """
 
 import math
@@ -23,15 +16,17 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.axis import plant_step
-from impulse_control_ros.core.tick import nanoseconds, SECOND, stamp, ticks
+from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import encode_float64, encode_time
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
 from impulse_control_ros.nodes.spin import IDLE
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
@@ -40,16 +35,13 @@ from impulse_control_ros.nodes.topics import (
     DAMPING,
     JOINT_COMMANDS,
     JOINT_STATES,
-    RECORDER_PROGRESS,
     RESET_MARK,
     SERIES_QOS,
     SLOW_QOS,
     state_layout,
-    WINDOW,
 )
 
 HANDSHAKE = 0.1
-ENDLESS = 2**62
 
 
 class PlantSimulator(ParameterNode):
@@ -74,12 +66,12 @@ class PlantSimulator(ParameterNode):
         self._paused = False
         self._steps_left = 0
         self._reset_wanted = False
-        self._recorders: dict[str, int] = {}
-        self._credit = ENDLESS
-        self._handshake = False
-        self._again_at = 0.0
-        self._counts = {'steps': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0,
-                        'missed_deadlines': 0}
+        self._asked_at = monotonic()
+        self._pace = Pace()
+        self._recorders = Recorders(
+            self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
+            parameters.lockstep)
+        self._counts = {'steps': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
         self.parameters_changed()
         self._create_endpoints()
 
@@ -89,7 +81,6 @@ class PlantSimulator(ParameterNode):
         self._damping = self.create_publisher(Float64, DAMPING, SLOW_QOS)
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
-        self.create_subscription(Header, RECORDER_PROGRESS, self._on_progress, SLOW_QOS)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
@@ -106,9 +97,9 @@ class PlantSimulator(ParameterNode):
         self._clock_every = self._every(parameters.clock_rate)
         varying = parameters.damping.kind != 'constant'
         self._damping_every = self._every(parameters.damping_rate) if varying else 0
-        self._wall_step = (parameters.time_step / parameters.real_time_factor
-                           if parameters.real_time_factor else 0.0)
-        self._pace_from = (monotonic(), self.tick)
+        self._pace.wall_step = (parameters.time_step / parameters.real_time_factor
+                                if parameters.real_time_factor else 0.0)
+        self._pace.restart(self.tick)
 
     def _every(self, rate: float) -> int:
         """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
@@ -143,7 +134,7 @@ class PlantSimulator(ParameterNode):
             self._damping.publish(encode_float64(damping))
 
     def _publish_state(self) -> None:
-        self._again_at = monotonic() + self.parameters.command_timeout
+        self._asked_at = monotonic()
         self._states.publish(self._message)
 
     # -- what comes in ----------------------------------------------------------------------
@@ -186,63 +177,51 @@ class PlantSimulator(ParameterNode):
         self._counts['rejected'] += 1
         self.get_logger().error(f'rejected {what}', throttle_duration_sec=1.0)
 
-    def _on_progress(self, message: Header) -> None:
-        reached = message.stamp.sec * SECOND + message.stamp.nanosec - self._start_ns
-        tick = reached // self._step_ns
-        if message.frame_id not in self._recorders:
-            self.get_logger().info(f'recorder {message.frame_id} joined the lockstep')
-            self._join()
-        # A stamp ahead of ours is of an earlier run: that recorder has nothing of this one.
-        self._recorders[message.frame_id] = tick if 0 <= tick <= self.tick else -1
-        self._recount()
-
-    def _join(self) -> None:
-        self._handshake = True
-        self._again_at = min(self._again_at, monotonic() + HANDSHAKE)
-
-    def _recount(self) -> None:
-        slowest = min(self._recorders.values(), default=ENDLESS)
-        if self._handshake and slowest >= self.tick >= 0:
-            self._handshake = False
-        self._credit = slowest + (0 if self._handshake else WINDOW)
-
     # -- what holds the next sample ---------------------------------------------------------
 
     def _proceed(self) -> None:
         """Make the next sample unless something holds it."""
-        if self._awaiting or self.tick >= self._credit:
+        if self._awaiting or self.tick >= self._recorders.limit:
             return
         if self.tick >= self._last_tick:
-            if min(self._recorders.values(), default=ENDLESS) >= self.tick:
+            if self._recorders.have(self.tick):
                 self._end()
         elif self._reset_wanted:
             self._reset_state()
-        elif not (self._paused and not self._steps_left
-                  or self._wall_step and monotonic() < self._due()):
-            if self._steps_left:
-                self._steps_left -= 1
+        elif self._may_step():
             self._step()
 
-    def _due(self) -> float:
-        since, tick = self._pace_from
-        return since + (self.tick + 1 - tick) * self._wall_step
+    def _may_step(self) -> bool:
+        """Ask pause and pace, and account for the step when both agree."""
+        if self._paused and not self._steps_left:
+            return False
+        if self._pace.wall_step and not self._steps_left:
+            now = monotonic()
+            if now < self._pace.due(self.tick):
+                return False
+            self._pace.made(self.tick, now)
+        self._steps_left = max(0, self._steps_left - 1)
+        return True
 
     def poll(self) -> float:
         """Do what is due by the wall clock: start, publish again, pace."""
         now = monotonic()
         if self.tick < 0:
             return self._start_when_matched(now)
-        if not self.parameters.lockstep:
-            return self._run_freely(now)
         if not self._awaiting:
             self._proceed()
         if self.finished:
             return 0.0
-        if now >= self._again_at:
-            self._publish_again(now)
-        if self._wall_step and not self._awaiting:
-            return min(max(self._due() - monotonic(), 0.0), IDLE)
-        return min(self._again_at - now, IDLE)
+        if self.parameters.lockstep and now >= self._asked_at + self._patience():
+            self._ask_again(now)
+        if self._pace.wall_step and not (self._awaiting or self._paused):
+            return min(max(self._pace.due(self.tick) - monotonic(), 0.0), IDLE)
+        return min(self._patience(), IDLE)
+
+    def _patience(self) -> float:
+        """Return the wall time [s] after which the state is published again."""
+        return (HANDSHAKE if self._recorders.handshaking and not self._awaiting
+                else self.parameters.command_timeout)
 
     def _start_when_matched(self, now: float) -> float:
         waiting = []
@@ -251,61 +230,35 @@ class PlantSimulator(ParameterNode):
         if self.parameters.wait_for_recorder and not self._recorders:
             waiting.append('a recorder')
         if waiting:
-            if now >= self._again_at:
-                if self._again_at:
-                    self.get_logger().info(f'waiting for {" and ".join(waiting)}')
-                self._again_at = now + 5.0
+            if now >= self._asked_at + 5.0:
+                self._asked_at = now
+                self.get_logger().info(f'waiting for {" and ".join(waiting)}')
             return 0.02
-        self._began, self._pace_from = now, (now, 0)
+        self._began = now
+        self._pace.restart(0)
         self._publish_sample(self._layout)
         return 0.0
 
-    def _publish_again(self, now: float) -> None:
+    def _ask_again(self, now: float) -> None:
         """Publish the state once more: its command is late, or an endpoint may be new."""
+        self._asked_at = now
         if self._awaiting:
             self._counts['late'] += 1
             self.get_logger().warning(
                 f'no command for the state at {self._seconds()} s: published again',
                 throttle_duration_sec=5.0)
-            self._handshake = bool(self._recorders)
-            self._recount()
+            self._recorders.shake_hands()
         elif self._recorders:
-            self._forget_lost_recorders()
-        if self._awaiting or self._handshake:
+            self._recorders.forget_lost()
+        if self._awaiting or self._recorders.handshaking:
             self._publish_state()
-        held = self._handshake and not self._awaiting
-        self._again_at = now + (HANDSHAKE if held else self.parameters.command_timeout)
-
-    def _forget_lost_recorders(self) -> None:
-        alive = {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
-                 for info in self.get_publishers_info_by_topic(RECORDER_PROGRESS)}
-        for name in set(self._recorders) - alive:
-            self.get_logger().warning(f'recorder {name} has left: the run goes on without it')
-            del self._recorders[name]
-        self._handshake = self._handshake and bool(self._recorders)
-        self._recount()
-
-    def _run_freely(self, now: float) -> float:
-        due = self._due()
-        if now < due:
-            return min(due - now, IDLE)
-        self._counts['missed_deadlines'] += now >= due + self._wall_step
-        if self.tick >= self._last_tick:
-            self._end()
-        elif self._reset_wanted:
-            self._reset_state()
-        elif not self._paused or self._steps_left:
-            self._steps_left = max(0, self._steps_left - 1)
-            self._step()
-        else:
-            self._pace_from = (now, self.tick)
-        return 0.0
 
     def _end(self) -> None:
         self.finished = True
         wall = monotonic() - self._began
         simulated = self.tick * self.parameters.time_step
-        counts = ', '.join(f'{value} {name}' for name, value in self._counts.items())
+        counts = ', '.join(f'{value} {name}' for name, value in (
+            self._counts | {'missed deadlines': self._pace.missed}).items())
         self.get_logger().info(
             f'the run is over at {self._seconds()} s: {simulated:g} s in {wall:.2f} s of wall '
             f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
@@ -326,7 +279,7 @@ class PlantSimulator(ParameterNode):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused, self._steps_left = request.data, 0
-        self._pace_from = (monotonic(), self.tick)
+        self._pace.restart(self.tick)
         response.success = True
         response.message = f'{"paused" if request.data else "running"} at {self._seconds()} s'
         return response
@@ -345,12 +298,13 @@ class PlantSimulator(ParameterNode):
         rate = (self.tick - tick) / (now - since)
         held = [name for name, holds in (
             ('a command', self._awaiting), ('resume', self._paused),
-            ('a recorder', self.tick >= self._credit)) if holds]
+            ('a recorder', self.tick >= self._recorders.limit)) if holds]
         message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
         return DiagnosticStatus.OK if rate else DiagnosticStatus.WARN, message, {
             'steps_per_second': f'{rate:.1f}',
             'real_time_factor': f'{rate * self.parameters.time_step:.3f}',
-            'recorders': len(self._recorders), **self._counts}
+            'recorders': len(self._recorders), 'missed_deadlines': self._pace.missed,
+            **self._pace.report(), **self._counts}
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""

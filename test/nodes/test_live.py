@@ -154,7 +154,7 @@ def test_free_running_needs_no_command_and_counts_what_it_missed(graph, client):
     assert states[0].effort[0] == 0.0
     assert 0.25 in [state.effort[0] for state in states]
     assert len(states) > 400
-    assert 'missed_deadlines' in process.output
+    assert 'missed deadlines' in process.output
 
 
 def test_stale_foreign_and_broken_commands_are_counted_and_change_nothing(graph, client):

@@ -1,0 +1,47 @@
+"""When samples are due on the wall clock, and how well that is kept."""
+
+from time import monotonic
+
+import numpy as np
+
+SLIP = 0.1
+
+
+class Pace:
+    """
+    The wall time of samples: ``wall_step`` seconds apart, 0 for as fast as possible.
+
+    A plant that is late catches up, but not by more than SLIP seconds: then the wall clock of the
+    run starts anew. ``missed`` counts the samples made more than one ``wall_step`` late.
+    """
+
+    def __init__(self) -> None:
+        self.wall_step = 0.0
+        self.missed = 0
+        self._since, self._tick = monotonic(), 0
+        self._errors: list[float] = []
+
+    def restart(self, tick: int) -> None:
+        """Count wall time from now, at ``tick``."""
+        self._since, self._tick = monotonic(), tick
+
+    def due(self, tick: int) -> float:
+        """Return the monotonic time at which the sample after ``tick`` is due; 0 for at once."""
+        return self._since + (tick + 1 - self._tick) * self.wall_step if self.wall_step else 0.0
+
+    def made(self, tick: int, now: float) -> None:
+        """Note that the sample after ``tick`` is made ``now``."""
+        late = now - self.due(tick)
+        self._errors.append(late)
+        self.missed += late > self.wall_step
+        if late > SLIP:
+            self.restart(tick)
+
+    def report(self) -> dict[str, str]:
+        """Return the pacing error since the last report, in microseconds."""
+        if not self._errors:
+            return {}
+        errors, self._errors = np.array(self._errors) * 1e6, []
+        return {f'pacing_error_{name}_us': f'{value:.1f}' for name, value in (
+            ('p50', np.percentile(errors, 50)), ('p99', np.percentile(errors, 99)),
+            ('max', errors.max()))}

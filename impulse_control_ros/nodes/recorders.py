@@ -1,0 +1,75 @@
+"""
+The plant's view of the recorders: how far each is, and so how far simulated time may go.
+
+A recorder joins the lockstep by itself: it publishes on recorder_progress the stamp up to which
+it has states and commands (frame_id: its name). The plant stays at most WINDOW samples ahead of
+the slowest, and after a handshake was asked for (an endpoint may be new) it goes on only when
+every recorder has the present state and its command. That is flow control over ordinary topics:
+DDS alone would drop (keep last) or fail the publish (keep all), and tell the sender neither.
+"""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.nodes.topics import RECORDER_PROGRESS, SLOW_QOS, WINDOW
+
+ENDLESS = 2**62
+
+
+class Recorders:
+    """
+    The joined recorders of a plant; samples may be made while the tick is below ``limit``.
+
+    ``tick`` returns the plant's present tick and ``tick_at`` the tick of a stamp in ns. Without
+    ``lockstep`` they are known, but hold nothing.
+    """
+
+    def __init__(self, node: Node, tick: Callable[[], int], tick_at: Callable[[int], int],
+                 lockstep: bool) -> None:
+        self.limit = ENDLESS
+        self._lockstep = lockstep
+        self.handshaking = False
+        self._node, self._tick, self._tick_at = node, tick, tick_at
+        self._reached: dict[str, int] = {}
+        node.create_subscription(Header, RECORDER_PROGRESS, self._on_progress, SLOW_QOS)
+
+    def __len__(self) -> int:
+        return len(self._reached)
+
+    def have(self, tick: int) -> bool:
+        """Tell whether every recorder has the state at ``tick`` and its command."""
+        return not self._lockstep or min(self._reached.values(), default=ENDLESS) >= tick
+
+    def shake_hands(self) -> None:
+        """Hold the plant until every recorder has the present state and its command."""
+        self.handshaking = bool(self._reached)
+        self._update()
+
+    def forget_lost(self) -> None:
+        """Drop those that have left the graph."""
+        alive = {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
+                 for info in self._node.get_publishers_info_by_topic(RECORDER_PROGRESS)}
+        for name in set(self._reached) - alive:
+            self._node.get_logger().warning(
+                f'recorder {name} has left: the run goes on without it')
+            del self._reached[name]
+        self._update()
+
+    def _on_progress(self, message: Header) -> None:
+        tick = self._tick_at(message.stamp.sec * SECOND + message.stamp.nanosec)
+        if message.frame_id not in self._reached:
+            self._node.get_logger().info(f'recorder {message.frame_id} joined the lockstep')
+            self.handshaking = True
+        # A stamp ahead of ours is of an earlier run: that recorder has nothing of this one.
+        self._reached[message.frame_id] = tick if 0 <= tick <= self._tick() else -1
+        self._update()
+
+    def _update(self) -> None:
+        if self.handshaking and self.have(max(0, self._tick())):
+            self.handshaking = False
+        if self._lockstep:
+            slowest = min(self._reached.values(), default=ENDLESS)
+            self.limit = slowest if self.handshaking else slowest + WINDOW
