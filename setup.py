@@ -22,7 +22,8 @@ setup(
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'pyyaml', 'tqdm'],
+    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'lz4', 'zstandard',
+                      'pyyaml', 'tqdm'],
     extras_require={
         'ros': ROS,
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.

@@ -6,7 +6,7 @@ log time = publish time = the stamp of the message. A chunk is handed to the ope
 soon as it is full, so a recorder that is killed loses no more than its last chunk.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
@@ -17,19 +17,16 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
 import numpy as np
 import yaml
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.definition import message_definition
+from impulse_control_ros.files.definition import message_definition, type_hash
+from impulse_control_ros.files.mcap_file import McapFile
 
-CHUNK_SIZE = 512 * 1024
 ROS_DISTRO = 'jazzy'
-COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4,
-                'zstd': CompressionType.ZSTD}
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8')])
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
 IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
@@ -55,18 +52,18 @@ class BagError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A recorded topic: absolute name, type as pkg/msg/Name, nine QoS keys per publisher, hash."""
+    """A recorded topic: absolute name, type as pkg/msg/Name, nine QoS keys per publisher."""
 
     name: str
     type: str
     qos: tuple[Mapping[str, Any], ...]
-    type_hash: str
 
 
 class BagWriter:
     """
     A bag under construction; `close` finishes it, once.
 
+    ``write`` and ``add_metadata`` are those of its `McapFile`.
     Raises `BagError` when the folder exists or cannot be made.
     """
 
@@ -78,14 +75,10 @@ class BagWriter:
         except OSError as error:
             raise BagError(f'bag {str(folder)!r} cannot be made: {error.strerror}') from None
         self._path = self.folder / f'{self.folder.name}_0.mcap'
-        self._file = self._path.open('xb')
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE,
-                              compression=COMPRESSIONS[compression])
-        self._writer.start('ros2', f'impulse_control_ros {__version__}')
+        self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
         self._topics: list[Topic] = []
         self._schemas: dict[str, int] = {}
-        self._counts: list[int] = []
-        self._first = self._last = 0
+        self.write, self.add_metadata = self._file.write, self._file.add_metadata
         self._add_bag_metadata()
 
     def add_topic(self, topic: Topic) -> int:
@@ -95,52 +88,34 @@ class BagWriter:
                 definition = message_definition(topic.type)
             except FileNotFoundError as error:
                 raise BagError(f'topic {topic.name!r} cannot be recorded: {error}') from None
-            self._schemas[topic.type] = self._writer.register_schema(
-                topic.type, 'ros2msg', definition.encode())
+            self._schemas[topic.type] = self._file.add_schema(topic.type, definition)
         self._topics.append(topic)
-        self._counts.append(0)
-        return self._writer.register_channel(
-            topic.name, 'cdr', self._schemas[topic.type],
+        return self._file.add_channel(
+            topic.name, self._schemas[topic.type],
             {'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
-             'topic_type_hash': topic.type_hash})
-
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of strings."""
-        self._writer.add_metadata(name, dict(values))
-
-    def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
-        """Write (stamp in ns, channel, data) in the order given; stamps never go back in a bag."""
-        add, counts, last = self._writer.add_message, self._counts, self._last
-        for stamp, channel, data in messages:
-            last = max(last, stamp)
-            sequence = counts[channel - 1] = counts[channel - 1] + 1
-            add(channel, last, data, stamp, sequence)
-            if not self._first:
-                self._first = last
-        self._last = last
-        self._file.flush()
+             'topic_type_hash': type_hash(topic.type)})
 
     @property
     def count(self) -> int:
         """Messages written so far."""
-        return sum(self._counts)
+        return sum(self._file.counts.values())
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml."""
+        self._file.end_chunk()
         self._add_bag_metadata()
-        self._writer.finish()
         self._file.close()
         (self.folder / 'metadata.yaml').write_text(to_yaml(
             {'rosbag2_bagfile_information': self._information()}))
 
     def _add_bag_metadata(self) -> None:
-        self._writer.add_metadata('rosbag2', {
+        self._file.add_metadata('rosbag2', {
             'serialized_metadata': to_yaml(self._information())})
 
     def _information(self) -> dict[str, Any]:
         """Return rosbag2's BagMetadata, version 9."""
-        start = {'nanoseconds_since_epoch': self._first}
-        length = {'nanoseconds': self._last - self._first}
+        start = {'nanoseconds_since_epoch': self._file.first}
+        length = {'nanoseconds': self._file.last - self._file.first}
         return {
             'version': 9, 'storage_identifier': 'mcap', 'duration': length,
             'starting_time': start, 'message_count': self.count,
@@ -148,9 +123,10 @@ class BagWriter:
                 {'topic_metadata': {
                     'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
                     'offered_qos_profiles': [dict(qos) for qos in topic.qos],
-                    'type_description_hash': topic.type_hash},
+                    'type_description_hash': type_hash(topic.type)},
                  'message_count': count}
-                for topic, count in zip(self._topics, self._counts, strict=True)],
+                for topic, count in zip(
+                    self._topics, self._file.counts.values(), strict=True)],
             'compression_format': '', 'compression_mode': '',
             'relative_file_paths': [self._path.name],
             'files': [{'path': self._path.name, 'starting_time': start, 'duration': length,

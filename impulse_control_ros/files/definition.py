@@ -1,5 +1,6 @@
 """Message definitions as rosbag2 stores them, from the interface files beside the ROS packages."""
 
+import json
 import os
 from pathlib import Path
 import re
@@ -11,14 +12,14 @@ FIELD = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+')
 
 
 def interface_file(package: str, name: str) -> Path:
-    """Return the .msg file of a type; raise `FileNotFoundError` naming the type."""
+    """Return an interface file, e.g. Header.msg; raise `FileNotFoundError` naming it."""
     prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
                 sys.prefix]
     for prefix in prefixes:
-        path = Path(prefix, 'share', package, 'msg', f'{name}.msg')
+        path = Path(prefix, 'share', package, 'msg', name)
         if path.is_file():
             return path
-    raise FileNotFoundError(f'{package}/msg/{name}.msg is in none of {", ".join(prefixes)}')
+    raise FileNotFoundError(f'{package}/msg/{name} is in none of {", ".join(prefixes)}')
 
 
 def message_definition(message_type: str) -> str:
@@ -28,17 +29,24 @@ def message_definition(message_type: str) -> str:
     The type's own file comes first, then every type it needs, each behind a separator line.
     """
     package, name = message_type.split('/')[0], message_type.split('/')[-1]
-    text = interface_file(package, name).read_text()
+    text = interface_file(package, f'{name}.msg').read_text()
     seen, waiting = {(package, name)}, dependencies(package, text)
     while waiting:
         wanted = waiting.pop(0)
         if wanted in seen:
             continue
         seen.add(wanted)
-        inner = interface_file(*wanted).read_text()
+        inner = interface_file(wanted[0], f'{wanted[1]}.msg').read_text()
         text += SEPARATOR + '/'.join(wanted) + '\n' + inner
         waiting += dependencies(wanted[0], inner)
     return text
+
+
+def type_hash(message_type: str) -> str:
+    """Return the RIHS01 hash of e.g. ``sensor_msgs/msg/JointState``."""
+    package, _, name = message_type.split('/')
+    hashes = json.loads(interface_file(package, f'{name}.json').read_text())['type_hashes']
+    return str(next(item['hash_string'] for item in hashes if item['type_name'] == message_type))
 
 
 def dependencies(package: str, text: str) -> list[tuple[str, str]]:

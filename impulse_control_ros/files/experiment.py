@@ -22,6 +22,7 @@ from impulse_control_ros.core.parameter import (
     refusal,
 )
 from impulse_control_ros.core.tick import nanoseconds
+from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,7 @@ class RecorderParameters(Parameters):
         'topics to record beside joint_states, joint_commands and impulse_events',
         read_only=True)
     compression: str = parameter(
-        'none', '', 'compression of the chunks', choices=('none', 'lz4', 'zstd'), read_only=True)
+        'zstd', '', 'compression of the chunks', choices=tuple(COMPRESSIONS), read_only=True)
 
 
 NODES: dict[str, type[Parameters]] = {

@@ -1,11 +1,12 @@
 """
 Put the raw messages of several topics into the order of time, and look for gaps in the series.
 
-The series are the states and the commands of one run: one message per sample each. Their
-messages and the impulse events carry their stamp at the front of their CDR; whatever else is
-recorded gets the stamp of the newest state. A message with the same bytes as the one before it
-on its topic is a repeat and dropped. A message that comes too late for its place, or whose
-stamp is more than a second ahead of the states, takes the nearest place that is left.
+Topics are numbered: STATES, EVENTS, COMMANDS, then whatever else is recorded. The series are the
+states and the commands of one run: one message per sample each. Their messages and the impulse
+events carry their stamp at the front of their CDR; whatever else gets the stamp of the newest
+state. A message with the same bytes as the one before it on its topic is a repeat and dropped.
+A message that comes too late for its place, or whose stamp is more than a second ahead of the
+states, takes the nearest place that is left.
 """
 
 from collections.abc import Sequence

@@ -1,11 +1,24 @@
-"""Plant, controller and recorder composed in one process, on one executor."""
+"""
+Plant, controller and recorder composed in one process.
+
+The hot path is one thread that publishes and takes: the plant publishes a state, and because
+both ends live in this process DDS has delivered it when publish returns; the loop takes it from
+the controller's subscription, which publishes the command, takes that from the plant's, which
+publishes the next state, and so on for SLICE seconds. Every message still goes over DDS, so
+outside subscribers see all of them. Between two slices the recorder empties its subscriptions,
+and the executor serves what waits: parameters, reset/pause/step, setpoint, timers, discovery.
+The subscriptions that the loop takes from are hidden from the executor. When nothing moves
+(paused, paced, held by an outside recorder), the executor waits instead, for POLL at most.
+"""
 
 import argparse
 from functools import partial
 import sys
+from time import perf_counter
 from typing import Any
 
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
 from tqdm import tqdm
 
 from impulse_control_ros.files.experiment import read_experiment
@@ -15,33 +28,79 @@ from impulse_control_ros.nodes.recorder import Recorder
 from impulse_control_ros.nodes.spin import main as run_nodes
 from impulse_control_ros.nodes.spin import Maker
 
+SLICE = 0.005
+BURST = 50
 
-class Progress:
-    """A progress bar of simulated time, on a terminal."""
+
+class ClosedLoop:
+    """The composed nodes, and the loop that takes their messages directly."""
 
     def __init__(self) -> None:
-        self.plant: PlantSimulator | None = None
+        self._plant: PlantSimulator
+        self._controller: Controller
+        self._recorder: Recorder | None = None
         self._bar: Any = None
 
     def make_plant(self, record: bool) -> PlantSimulator:
-        """Make the plant that is shown; it waits for the recorder when there is one."""
-        self.plant = PlantSimulator(parameter_overrides=[
+        """Make the plant; it waits for the recorder when there is one."""
+        self._plant = plant = PlantSimulator(parameter_overrides=[
             Parameter('wait_for_recorder', Parameter.Type.BOOL, record)])
-        return self.plant
+        plant.taken_directly = {plant.commands}
+        return plant
 
-    def show(self) -> None:
-        """Redraw, at most as often as tqdm thinks fit."""
-        if not self.plant or not self.plant.parameters.duration or self.plant.tick < 0:
+    def make_controller(self) -> Controller:
+        """Make the controller."""
+        self._controller = controller = Controller()
+        controller.taken_directly = {controller.states}
+        return controller
+
+    def make_recorder(self) -> Recorder:
+        """Make the recorder."""
+        self._recorder = recorder = Recorder()
+        recorder.taken_directly = recorder.inboxes.keys()
+        return recorder
+
+    def run_slice(self) -> bool:
+        """Run samples for a while; returns whether any was made."""
+        began, end = self._plant.tick, perf_counter() + SLICE
+        moved = True
+        while moved and perf_counter() < end:
+            moved = self._run_burst()
+            if self._recorder:
+                self._recorder.take()
+        self._show()
+        return self._plant.tick > began
+
+    def _run_burst(self) -> bool:
+        """Run up to BURST samples; returns whether all were made."""
+        plant, controller = self._plant, self._controller
+        take_state = controller.states.handle.take_message
+        take_command = plant.commands.handle.take_message
+        for _ in range(BURST):
+            tick = plant.tick
+            taken = take_state(JointState, True)
+            if taken:
+                controller.on_state(taken[0])
+            taken = take_command(JointState, True)
+            if taken:
+                plant.on_command(taken[0])
+            if plant.tick == tick:
+                return False
+        return True
+
+    def _show(self) -> None:
+        """Draw the progress of simulated time, on a terminal."""
+        parameters = self._plant.parameters
+        if not parameters.duration or self._plant.tick < 0:
             return
-        step = self.plant.parameters.time_step
         if self._bar is None:
             self._bar = tqdm(
-                total=self.plant.parameters.duration, unit='s', disable=None, leave=False,
+                total=parameters.duration, unit='s', disable=None, leave=False,
                 bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated, {rate_fmt}')
-        self._bar.update(self.plant.tick * step - self._bar.n)
+        self._bar.update(self._plant.tick * parameters.time_step - self._bar.n)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Take the progress bar away."""
         if self._bar is not None:
             self._bar.close()
 
@@ -60,14 +119,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Run the three nodes of a parameter file until the run is over."""
-    progress = Progress()
+    loop = ClosedLoop()
 
     def makers(options: argparse.Namespace) -> list[Maker]:
         checked_files(sys.argv)
         record = not options.no_recorder
-        return [partial(progress.make_plant, record), Controller, *[Recorder] * record]
+        return [partial(loop.make_plant, record), loop.make_controller,
+                *[loop.make_recorder] * record]
 
-    status = run_nodes('closed_loop', 'Plant, controller and recorder in one process.', makers,
-                       add_options, progress.show if sys.stderr.isatty() else None)
-    progress.close()
-    return status
+    try:
+        return run_nodes('closed_loop', 'Plant, controller and recorder in one process.', makers,
+                         add_options, loop.run_slice)
+    finally:
+        loop.close()

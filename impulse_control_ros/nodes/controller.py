@@ -61,6 +61,8 @@ class Controller(ParameterNode):
         self._packed = self._gains()
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, EVENT_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
+        # publish() without its checks: these are bytes, and the publisher lives as long as we do
+        self._publish_command = self._commands.handle.publish_raw
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         self.states = self.create_subscription(
             JointState, JOINT_STATES, self.on_state, SERIES_QOS, raw=True)
@@ -112,7 +114,7 @@ class Controller(ParameterNode):
             self._events.publish(event)
             self._counts['impulses'] += 1
         command = self._command_layout.encode(sec, nanosec, effort)
-        self._commands.publish(command)
+        self._publish_command(command)
         self._sent = (event, command)
         self._counts['answered'] += 1
 

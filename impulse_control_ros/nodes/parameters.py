@@ -6,7 +6,7 @@ checked here first, as a whole, and rclpy's own path is taken only by a set that
 has been set is applied in the post-set callback, as one new immutable value.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
 import sys
 from typing import Any
 
@@ -19,6 +19,7 @@ from rcl_interfaces.msg import (
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters, Spec
@@ -60,6 +61,7 @@ class ParameterNode(Node):
     """
 
     def __init__(self, name: str, kind: type[Parameters], **options: Any) -> None:
+        self.taken_directly: Collection[Subscription] = ()
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
         self._kind = kind
         try:
@@ -69,6 +71,11 @@ class ParameterNode(Node):
             raise
         self.add_on_set_parameters_callback(self._refuse)
         self.add_post_set_parameters_callback(self._apply)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Yield the subscriptions that an executor serves: all but those ``taken_directly``."""
+        return (item for item in super().subscriptions if item not in self.taken_directly)
 
     def _declare(self) -> Any:
         given = [name for name in self.list_parameters([], 0).names if not is_foreign(name)]

@@ -23,6 +23,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -30,7 +31,7 @@ from impulse_control_ros import __version__
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.bag import BagWriter, refuse_existing, Topic
 from impulse_control_ros.files.experiment import RecorderParameters
-from impulse_control_ros.files.timeline import COMMANDS, EVENTS, STATES, Timeline
+from impulse_control_ros.files.timeline import Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.parameters import ParameterNode, ParameterReading
 from impulse_control_ros.nodes.spin import main as run_node
@@ -65,18 +66,16 @@ class Recorder(ParameterNode):
         self._bags = 0
         self._readings: dict[str, ParameterReading] = {}
         self._asked_at = self._batch_at = 0.0
-        self._topics: list[tuple[Any, str]] = []
-        self._inboxes: list[list[bytes]] = []
+        self.inboxes: dict[Subscription, list[bytes]] = {}
+        self._kinds: dict[Subscription, str] = {}
         self._channels: list[int] = []
         # Events before commands: a peer that has matched our commands has matched our events.
-        order = {EVENTS: (IMPULSE_EVENTS, EVENT_QOS), COMMANDS: (JOINT_COMMANDS, SERIES_QOS),
-                 STATES: (JOINT_STATES, SERIES_QOS)}
-        made = {index: self._subscribe(topic, JointState, qos)
-                for index, (topic, qos) in order.items()}
-        for index in sorted(made):
-            subscription, inbox = made[index]
-            self._topics.append((subscription, 'sensor_msgs/msg/JointState'))
-            self._inboxes.append(inbox)
+        for topic, qos in ((IMPULSE_EVENTS, EVENT_QOS), (JOINT_COMMANDS, SERIES_QOS),
+                           (JOINT_STATES, SERIES_QOS)):
+            self._subscribe(topic, 'sensor_msgs/msg/JointState', JointState, qos)
+        events, commands, states = self.inboxes
+        self.inboxes = {item: self.inboxes[item] for item in (states, events, commands)}
+        self._series = (states, commands)
         self._wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
         self._progress = self.create_publisher(Header, RECORDER_PROGRESS, SLOW_QOS)
         self.create_timer(0.5, self._subscribe_wanted)
@@ -85,9 +84,20 @@ class Recorder(ParameterNode):
 
     # -- endpoints --------------------------------------------------------------------------
 
-    def _subscribe(self, topic: str, kind: type, qos: QoSProfile) -> tuple[Any, list[bytes]]:
+    def _subscribe(self, topic: str, kind: str, message_class: type, qos: QoSProfile
+                   ) -> Subscription:
         inbox: list[bytes] = []
-        return self.create_subscription(kind, topic, inbox.append, qos, raw=True), inbox
+        made = self.create_subscription(message_class, topic, inbox.append, qos, raw=True)
+        self.inboxes[made] = inbox
+        self._kinds[made] = kind
+        return made
+
+    def take(self) -> None:
+        """Take what waits in the subscriptions; where they are hidden from the executor."""
+        for subscription, inbox in self.inboxes.items():
+            take = subscription.handle.take_message
+            while taken := take(subscription.msg_type, True):
+                inbox.append(taken[0])
 
     def _subscribe_wanted(self) -> None:
         """Subscribe to the further topics that have appeared on the graph."""
@@ -98,20 +108,17 @@ class Recorder(ParameterNode):
             package, _, name = kinds[0].split('/')
             offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
-            subscription, inbox = self._subscribe(
-                topic, getattr(import_module(f'{package}.msg'), name),
+            made = self._subscribe(
+                topic, kinds[0], getattr(import_module(f'{package}.msg'), name),
                 QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
                            if best_effort else ReliabilityPolicy.RELIABLE))
-            self._topics.append((subscription, kinds[0]))
-            self._inboxes.append(inbox)
             if self.bag:
-                self._channels.append(self._add_topic(*self._topics[-1]))
+                self._channels.append(self._add_topic(made))
 
     def _peers(self) -> set[str]:
         """Return the names of the nodes that publish states and commands; none when not both."""
         names = set()
-        for index in (STATES, COMMANDS):
-            subscription, _ = self._topics[index]
+        for subscription in self._series:
             infos = self.get_publishers_info_by_topic(subscription.topic_name)
             if not (subscription.get_publisher_count() and infos):
                 return set()
@@ -153,22 +160,21 @@ class Recorder(ParameterNode):
                 step = nanoseconds(values['time_step'], 'time_step')
         self._timeline = Timeline(step)
         self._first_at = self._last_at = 0.0
-        self._channels = [self._add_topic(*topic) for topic in self._topics]
+        self._channels = [self._add_topic(subscription) for subscription in self.inboxes]
         self.get_logger().info(f'recording into {name}')
 
-    def _add_topic(self, subscription: Any, kind: str) -> int:
+    def _add_topic(self, subscription: Subscription) -> int:
         infos = self.get_publishers_info_by_topic(subscription.topic_name)
-        offers = [info.qos_profile for info in infos] or [subscription.qos_profile]
         assert self.bag
         return self.bag.add_topic(Topic(
-            name=subscription.topic_name, type=kind, qos=tuple(map(qos_keys, offers)),
-            type_hash=str(infos[0].topic_type_hash) if infos else ''))
+            name=subscription.topic_name, type=self._kinds[subscription],
+            qos=tuple(qos_keys(info.qos_profile) for info in infos)))
 
     def _drain(self, everything: bool = False) -> bool:
         """Move the inboxes into the bag; returns False when a new run has begun."""
         assert self.bag
         same = True
-        for index, inbox in enumerate(self._inboxes):
+        for index, inbox in enumerate(self.inboxes.values()):
             taken = self._timeline.add(index, inbox)
             same = same and taken == len(inbox)
             del inbox[:taken]
@@ -199,7 +205,7 @@ class Recorder(ParameterNode):
     def poll(self) -> float:
         """Write a batch when it is due, and tell the plant how far the recording is."""
         now = monotonic()
-        if now < self._batch_at and len(self._inboxes[STATES]) < BATCH:
+        if now < self._batch_at and len(self.inboxes[self._series[0]]) < BATCH:
             return BATCH_PERIOD
         self._batch_at = now + BATCH_PERIOD
         if not self.bag:

@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable, Sequence
 import signal
 import sys
+from time import perf_counter
 from typing import Any
 
 import rclpy
@@ -23,6 +24,8 @@ from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.bag import BagError
 
 IDLE = 0.1
+MOST_EVENTS = 50
+EMPTY_TURN = 40e-6
 Maker = Callable[[], Any]
 
 
@@ -49,31 +52,44 @@ def make_executor() -> Executor:
     return EventsExecutor()
 
 
-def spin(nodes: Sequence[Any], stop: StopRequest, each: Callable[[], None] | None = None) -> None:
+def spin(nodes: Sequence[Any], stop: StopRequest,
+         between: Callable[[], bool] = lambda: False) -> None:
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
     A node has, beside what rclpy gives it, ``finished``; ``poll()``, which does what is due by
     the wall clock and returns the seconds until it wants to be asked again; and ``close()``,
-    which hands over what it still holds.
+    which hands over what it still holds. ``between`` does work of its own between the executor's
+    turns, and returns whether it wants the next turn at once.
     """
     executor = make_executor()
     try:
         for node in nodes:
             executor.add_node(node)
         while not stop.requested and not any(node.finished for node in nodes):
-            executor.spin_once(timeout_sec=min(node.poll() for node in nodes))
-            if each:
-                each()
+            timeout = min(node.poll() for node in nodes)
+            if between():
+                serve_what_waits(executor)
+            else:
+                executor.spin_once(timeout_sec=timeout)
         for node in nodes:
             node.close()
     finally:
         executor.shutdown()
 
 
+def serve_what_waits(executor: Executor) -> None:
+    """Serve the events that wait already; an empty turn is told by the time it takes."""
+    for _ in range(MOST_EVENTS):
+        began = perf_counter()
+        executor.spin_once(timeout_sec=0.0)
+        if perf_counter() - began > EMPTY_TURN:
+            return
+
+
 def main(prog: str, description: str, makers: Callable[[argparse.Namespace], list[Maker]],
          add_options: Callable[[argparse.ArgumentParser], None] | None = None,
-         each: Callable[[], None] | None = None) -> int:
+         between: Callable[[], bool] = lambda: False) -> int:
     """
     Be the whole of an executable; returns the exit status.
 
@@ -89,7 +105,7 @@ def main(prog: str, description: str, makers: Callable[[argparse.Namespace], lis
     except (ParameterError, BagError, _rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
         return leave(nodes, f'{prog}: {first_line(error)}', 2)
     try:
-        spin(nodes, stop, each)
+        spin(nodes, stop, between)
     except (BagError, OSError) as error:
         return leave(nodes, f'{prog}: {error}', 1)
     except BaseException:

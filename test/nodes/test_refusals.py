@@ -15,7 +15,7 @@ REFUSED = {
     'kind: random': ('kind: constant', ["damping.kind = 'random'", 'constant, noise']),
     'time_step: 1.5e-10': ('time_step: 0.0001', ['time_step = 1.5e-10']),
     'lockstep: 1': ('lockstep: true', ['lockstep = 1', 'true or false']),
-    'compression: rar': ('compression: none', ["compression = 'rar'", 'none, lz4, zstd']),
+    'compression: rar': ('compression: zstd', ["compression = 'rar'", 'none, lz4, zstd']),
 }
 
 
