@@ -50,6 +50,7 @@ BATCH = 250
 BATCH_PERIOD = 0.02
 PARAMETER_TIMEOUT = 5.0
 DEFAULT_STEP_NS = 100_000
+NAME_UNKNOWN = '_NODE_NAME_UNKNOWN_'  # rmw's, of an endpoint whose node is not yet discovered
 
 
 class Recorder(ParameterNode):
@@ -120,7 +121,8 @@ class Recorder(ParameterNode):
         names = set()
         for subscription in self._series:
             infos = self.get_publishers_info_by_topic(subscription.topic_name)
-            if not (subscription.get_publisher_count() and infos):
+            if not (subscription.get_publisher_count() and infos) or any(
+                    info.node_name == NAME_UNKNOWN for info in infos):
                 return set()
             names |= {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
                       for info in infos}
