@@ -27,8 +27,8 @@ setup(
     extras_require={
         'ros': ROS,
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
-        'test': ['pytest<9', 'hypothesis', 'mypy', 'rosbags', 'ruff', 'colcon-common-extensions',
-                 'catkin_pkg', 'setuptools<80', 'types-PyYAML', 'types-tqdm'],
+        'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
+                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80'],
     },
     zip_safe=True,
     entry_points={'console_scripts': [

@@ -70,20 +70,21 @@ class Axis(Parameters):
 
 
 @numba.njit(cache=True)
-def phi2(z):
-    """(z - 1 + exp(-z)) / z^2; the series below 1e-2 is exact to the last bits, and faster."""
+def shapes(z):
+    """Return phi1 and phi2; the series below 1e-2 is exact to the last bits, and faster."""
     if z < 1e-2:
-        return 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
-    return (z + math.expm1(-z)) / (z * z)
+        phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
+        return 1.0 - z * phi2, phi2
+    phi1 = -math.expm1(-z) / z
+    return phi1, (1.0 - phi1) / z
 
 
 @numba.njit(cache=True)
 def moved(position, velocity, acceleration, rate, duration):
     """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
-    z = rate * duration
-    shape = phi2(z)
-    return (position + velocity * duration + acceleration * duration * duration * shape,
-            velocity + acceleration * duration * (1.0 - z * shape))
+    phi1, phi2 = shapes(rate * duration)
+    return (position + velocity * duration + acceleration * duration * duration * phi2,
+            velocity + acceleration * duration * phi1)
 
 
 @numba.njit(cache=True)

@@ -14,9 +14,9 @@ J             area                N s      impulse: -2 alpha sign(v) or -c_event
 
 The guards see samples only, and compare signs, never products (products underflow):
 
-* position zero: the sign of e differs from that of the sample before, judged by the present
-  set-point, so that a set-point jump is no crossing and a ramp is. The sample at exactly zero
-  fires, the one after it does not. It needs abs(v) > velocity_deadband.
+* position zero: the sign of e differs from that of the sample before, judged by its own and by
+  the present set-point, so that a set-point jump is no crossing and a ramp fires once. The
+  sample at exactly zero fires, the one after it does not. It needs abs(v) > velocity_deadband.
 * velocity zero: the sign of v (0 within velocity_deadband) differs from that of the sample
   before, unless an impulse of our own acted in between. It needs abs(e) > position_deadband.
 * sticking: the velocity was zero at this sample and at the one before. The first sample, and
@@ -42,8 +42,8 @@ GAINS = np.dtype([('m', 'f8'), ('K', 'f8'), ('D', 'f8'), ('d_bar', 'f8'), ('c', 
                   ('alpha_ratio', 'f8'), ('x_r', 'f8'), ('impulses', 'i8'),
                   ('effort_limit', 'f8'), ('position_deadband', 'f8'),
                   ('velocity_deadband', 'f8'), ('hold_off', 'i8'), ('time_step', 'f8')])
-MEMORY = np.dtype([('started', 'i8'), ('position', 'f8'), ('direction', 'f8'), ('x_r', 'f8'),
-                   ('pending', 'f8'), ('pulsed', 'i8'), ('hold', 'i8')])
+MEMORY = np.dtype([('started', 'i8'), ('position', 'f8'), ('side', 'f8'), ('direction', 'f8'),
+                   ('x_r', 'f8'), ('pending', 'f8'), ('pulsed', 'i8'), ('hold', 'i8')])
 ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8')])
 
 
@@ -103,7 +103,7 @@ def guard_of(memory, gains, position, direction):
     side = sign(error)
     if memory.started:
         before = sign(memory.position - gains.x_r)
-        crossed = before != 0.0 and side != before
+        crossed = before * memory.side != 0.0 and side != before and side != memory.side
     else:
         crossed = side == 0.0
     if crossed and direction != 0.0:
@@ -166,7 +166,8 @@ def answer_sample(memory, gains, position, velocity, answer):
         else:
             memory.pending -= (answer.effort - feedback) * gains.time_step
     memory.started = 1
-    memory.position, memory.direction, memory.x_r = position, direction, gains.x_r
+    memory.position, memory.side = position, sign(position - gains.x_r)
+    memory.direction, memory.x_r = direction, gains.x_r
 
 
 @numba.njit(cache=True)

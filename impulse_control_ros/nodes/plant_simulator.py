@@ -55,6 +55,7 @@ class PlantSimulator(ParameterNode):
         self._layout = state_layout(parameters.joint_name)
         self._reset_layout = state_layout(parameters.joint_name, RESET_MARK)
         self._command_layout = command_layout(parameters.joint_name)
+        self._lockstep = parameters.lockstep
         self.finished = False
         self.tick = -1
         self._state = parameters.start()
@@ -70,8 +71,8 @@ class PlantSimulator(ParameterNode):
         self._pace = Pace()
         self._recorders = Recorders(
             self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
-            parameters.lockstep)
-        self._counts = {'steps': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
+            self._lockstep)
+        self._counts = {'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
         self.parameters_changed()
         self._create_endpoints()
 
@@ -127,8 +128,7 @@ class PlantSimulator(ParameterNode):
         self.tick = tick
         self._stamp = sec, nanosec = stamp(tick, self._start_ns, self._step_ns)
         self._message = layout.encode(sec, nanosec, position, velocity, effort)
-        self._awaiting = self.parameters.lockstep
-        self._counts['steps'] = tick
+        self._awaiting = self._lockstep
         self._publish_state()
         if self._clock_every and tick % self._clock_every == 0:
             self._clock_topic.publish(encode_time(sec, nanosec))
@@ -152,13 +152,13 @@ class PlantSimulator(ParameterNode):
         elif (sec, nanosec) > self._stamp:
             self._counts['foreign'] += 1
         elif (sec, nanosec) <= self._answered or (
-                self.parameters.lockstep and (sec, nanosec) < self._stamp):
+                self._lockstep and (sec, nanosec) < self._stamp):
             self._counts['stale'] += 1
         else:
             self._answered = (sec, nanosec)
             self._awaiting = False
             self._effort = effort
-            if self.parameters.lockstep:
+            if self._lockstep:
                 self._proceed()
 
     def _decode_slowly(self, raw: bytes) -> tuple[Any, ...] | None:
@@ -214,7 +214,7 @@ class PlantSimulator(ParameterNode):
             self._proceed()
         if self.finished:
             return 0.0
-        if self.parameters.lockstep and now >= self._asked_at + self._patience():
+        if self._lockstep and now >= self._asked_at + self._patience():
             self._ask_again(now)
         if self._pace.wall_step and not (self._awaiting or self._paused):
             return min(max(self._pace.due(self.tick) - monotonic(), 0.0), IDLE)
@@ -260,9 +260,10 @@ class PlantSimulator(ParameterNode):
         wall = monotonic() - self._began
         simulated = self.tick * self.parameters.time_step
         counts = ', '.join(f'{value} {name}' for name, value in (
-            self._counts | {'missed deadlines': self._pace.missed}).items())
+            {'steps': self.tick} | self._counts | {'missed deadlines': self._pace.missed}
+        ).items())
         self.get_logger().info(
-            f'the run is over at {self._seconds()} s: {simulated:g} s in {wall:.2f} s of wall '
+            f'the run is over at {self._seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
             f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
 
     # -- services and reports ---------------------------------------------------------------
@@ -303,7 +304,7 @@ class PlantSimulator(ParameterNode):
             ('a recorder', self.tick >= self._recorders.limit)) if holds]
         message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
         return DiagnosticStatus.OK if rate else DiagnosticStatus.WARN, message, {
-            'steps_per_second': f'{rate:.1f}',
+            'steps': self.tick, 'steps_per_second': f'{rate:.1f}',
             'real_time_factor': f'{rate * self.parameters.time_step:.3f}',
             'recorders': len(self._recorders), 'missed_deadlines': self._pace.missed,
             **self._pace.report(), **self._counts}

@@ -77,6 +77,23 @@ def test_an_unwise_value_is_taken_with_a_warning_that_names_the_right_one(graph,
     process.says('D = 2.5 N s/m is')
 
 
+def test_a_composed_run_at_full_speed_serves_parameters_services_and_outside_subscribers(
+        graph, client):
+    process, bag = start(graph, '-p', 'plant_simulator:duration:=0.0')
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 100, 'states')
+    assert client.set('controller', x_r=0.125).successful
+    client.spin_until(lambda: abs(states[-1].position[0] - 0.125) < 1e-3, 'the new set-point')
+    assert client.call('/plant_simulator/reset', Trigger).success
+    client.spin_until(lambda: states[-1].position[0] > 0.2, 'the reset')
+    assert client.call('/plant_simulator/pause', SetBool, data=True).success
+    assert process.interrupt() == 0, process.output
+    run = read(bag)
+    assert run.receipt['missing'] == '0'
+    assert (np.diff(run.states['stamp']) == 100_000).all()
+    assert 'x_r' in str(run.parameters['/controller'])
+
+
 def test_the_setpoint_topic_sets_the_parameter_that_follows(graph, client):
     process, _ = paused(graph, client)
     publisher = client.node.create_publisher(Float64, '/setpoint', 10)

@@ -1,0 +1,163 @@
+"""The control law of one sample: guards, gains, memory, limits."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from impulse_control_ros.core.impulse import (
+    ANSWER, control, Controller, fresh_memory, NO_IMPULSE, POSITION_ZERO, STICKING, VELOCITY_ZERO)
+
+M, K, D, D_BAR, STEP = 0.1, 10.0, 0.5, 1.5, 1e-4
+
+
+def answers(samples, gains=None):
+    """Answer a sequence of (position, velocity); a third entry changes gains from there on."""
+    gains = gains or Controller()
+    memory, answer, given_answers = fresh_memory(), np.zeros(1, ANSWER), []
+    for position, velocity, *change in samples:
+        gains = change[0] if change else gains
+        control(memory, gains.packed(), position, velocity, answer)
+        given_answers.append(answer[0].copy())
+    return np.array(given_answers, ANSWER)
+
+
+def pd(position, velocity, x_r=0.0):
+    return K * (x_r - position) - D * velocity
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize('direction', [-1.0, 1.0])
+@pytest.mark.parametrize('ratio', [0.5, 0.6, 0.9])
+def test_a_position_zero_gives_minus_two_alpha_against_the_motion(side, direction, ratio):
+    velocity = direction * 3.0
+    given_answers = answers([(side * 1e-3, velocity), (-side * 1e-3, velocity)],
+                            Controller(alpha_ratio=ratio))
+    assert list(given_answers['guard']) == [NO_IMPULSE, POSITION_ZERO]
+    assert given_answers['area'][1] == pytest.approx(-2 * ratio * M * 3.0 * direction)
+    assert given_answers['effort'][1] == pytest.approx(
+        pd(-side * 1e-3, velocity) + given_answers['area'][1] / STEP)
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize(('before', 'after'), [(1.0, -1.0), (-1.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
+@pytest.mark.parametrize('c', [1.0, 2.0])
+def test_a_velocity_zero_gives_minus_two_beta_towards_the_set_point(side, before, after, c):
+    given_answers = answers([(side * 0.2, before), (side * 0.2, after)], Controller(c=c))
+    assert list(given_answers['guard']) == [NO_IMPULSE, VELOCITY_ZERO]
+    assert given_answers['area'][1] == pytest.approx(-2.0 * side * 0.2 * D_BAR / (2 * c))
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize('c', [1.0, 2.0])
+def test_a_stick_gives_minus_one_beta_at_every_sample(side, c):
+    given_answers = answers([(side * 0.05, side), *[(side * 0.05, 0.0)] * 4], Controller(c=c))
+    assert list(given_answers['guard']) == [NO_IMPULSE, VELOCITY_ZERO, *[STICKING] * 3]
+    assert given_answers['area'][2:] == pytest.approx(-side * 0.05 * D_BAR / (2 * c))
+
+
+@pytest.mark.parametrize(('position', 'velocity', 'guard'), [
+    (0.5, 0.0, VELOCITY_ZERO), (-0.5, 0.0, VELOCITY_ZERO), (0.0, 1.0, POSITION_ZERO),
+    (0.0, 0.0, NO_IMPULSE), (0.5, 1.0, NO_IMPULSE)])
+def test_the_first_sample_acts_when_it_lies_on_a_guard(position, velocity, guard):
+    assert answers([(position, velocity)])['guard'][0] == guard
+
+
+def test_the_first_impulse_gives_the_induced_velocity_of_25():
+    assert answers([(0.5, 0.0)])['area'][0] / M == pytest.approx(-0.5 * D_BAR / (2 * M))
+
+
+@pytest.mark.parametrize('errors', [[1, 0, -1], [1, 0, 0, -1], [1, 0, 1], [1, -1], [-1, 0, 1]])
+def test_an_exact_zero_neither_hides_nor_doubles_a_crossing(errors):
+    given_answers = answers([(error * 1e-3, -errors[0] * 2.0) for error in errors])
+    assert list(given_answers['guard']).count(POSITION_ZERO) == 1
+
+
+def test_tiny_errors_change_sign_like_any_other():
+    given_answers = answers([(5e-324, -1.0), (-5e-324, -1.0)])
+    assert given_answers['guard'][1] == POSITION_ZERO
+
+
+def test_a_sample_at_both_guards_acts_as_a_position_zero():
+    given_answers = answers([(1e-3, -2.0), (-1e-3, 1.0)])
+    assert given_answers['guard'][1] == POSITION_ZERO
+    assert given_answers['area'][1] < 0.0
+
+
+def test_a_jump_of_our_own_is_no_velocity_zero():
+    given_answers = answers([(1e-3, -2.0), (-1e-3, -2.0), (-1e-3, 0.4), (-5e-4, 0.4)])
+    assert list(given_answers['guard']) == [NO_IMPULSE, POSITION_ZERO, NO_IMPULSE, NO_IMPULSE]
+
+
+def test_a_set_point_jump_over_the_position_is_no_position_zero():
+    given_answers = answers([(0.25, -4.0), (0.2496, -4.0, Controller(x_r=0.3)),
+                             (0.2492, -4.0)])
+    assert list(given_answers['guard']) == [NO_IMPULSE] * 3
+
+
+def test_a_set_point_jump_at_rest_acts_like_a_start():
+    given_answers = answers([(0.0, 0.0), (0.0, 1e-47), (0.0, 1e-47, Controller(x_r=0.3))])
+    assert list(given_answers['guard']) == [NO_IMPULSE, NO_IMPULSE, VELOCITY_ZERO]
+    assert given_answers['area'][2] == pytest.approx(0.3 * D_BAR / 2)
+
+
+def test_a_set_point_ramp_is_crossed_once():
+    ramp = [(0.1 + 1e-4 * k, 1.0, Controller(x_r=0.1005 + 5e-5 * k)) for k in range(15)]
+    fired = np.flatnonzero(answers(ramp)['guard'] == POSITION_ZERO)
+    assert len(fired) == 1
+    assert fired[0] in (10, 11)
+
+
+def test_inside_the_dead_bands_there_is_no_impulse():
+    gains = Controller(position_deadband=1e-3, velocity_deadband=0.05)
+    wiggle = [((-1)**k * 9e-4, (-1)**(k // 2) * 0.04) for k in range(40)]
+    assert not answers(wiggle, gains)['guard'].any()
+    assert answers([(1e-3, 1.0), (-1e-3, 0.06)], gains)['guard'][1] == POSITION_ZERO
+    assert answers([(1.1e-3, 1.0), (1.1e-3, 0.04)], gains)['guard'][1] == VELOCITY_ZERO
+
+
+@pytest.mark.parametrize('hold_off', [0, 1, 5])
+def test_no_impulse_starts_for_hold_off_samples_after_a_position_zero(hold_off):
+    zigzag = [((-1)**k * 1e-3, 2.0) for k in range(60)]
+    fired = np.flatnonzero(answers(zigzag, Controller(hold_off=hold_off))['guard'])
+    assert len(fired) > 5
+    assert np.diff(fired).min() == hold_off + 1
+
+
+def test_without_impulses_the_law_is_pd_to_the_last_bit():
+    samples = [((-1)**k * 0.1, 2.0 - 0.5 * k) for k in range(12)]
+    given_answers = answers(samples, Controller(impulses=False))
+    assert list(given_answers['effort']) == [K * (0.0 - x) - D * v for x, v in samples]
+    assert not given_answers['guard'].any()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-5.0, 5.0)), min_size=1, max_size=30),
+       st.floats(0.1, 100.0))
+def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limit):
+    gains = Controller(effort_limit=limit)
+    # At rest in the set-point nothing new fires, and what waits can leave.
+    rest = [(0.0, 0.0)] * (len(samples) * (10 + int(5.0 / (limit * STEP))) if limit > 5 else 10)
+    given_answers = answers(samples + rest, gains)
+    assert (np.abs(given_answers['effort']) <= limit).all()
+    if limit > 5:
+        feedback = np.clip([pd(*sample) for sample in samples + rest], -limit, limit)
+        assert np.sum(given_answers['effort'] - feedback) * STEP == pytest.approx(
+            given_answers['area'].sum(), abs=1e-9)
+
+
+def test_while_an_impulse_waits_the_velocity_guards_rest():
+    given_answers = answers([(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)],
+                            Controller(effort_limit=20.0))
+    assert list(given_answers['guard']) == [VELOCITY_ZERO, NO_IMPULSE, NO_IMPULSE, NO_IMPULSE]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), max_size=20))
+def test_the_effort_is_finite_and_an_impulse_never_pumps_a_crossing(samples):
+    for sample, answer in zip(samples, answers(samples), strict=True):
+        assert np.isfinite(answer['effort'])
+        if answer['guard'] == POSITION_ZERO:
+            assert answer['area'] * sample[1] < 0.0
+            assert abs(sample[1] + answer['area'] / M) < abs(sample[1])
+        elif answer['guard']:
+            assert answer['area'] * sample[0] < 0.0
