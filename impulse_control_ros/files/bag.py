@@ -11,14 +11,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 import json
 from pathlib import Path
-from typing import Any
+import struct
+from typing import Any, IO
 
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import breakup_chunk, StreamReader
 import numpy as np
 import yaml
+from zstandard import ZstdError
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
@@ -169,39 +171,51 @@ def storage_file(bag: str | Path) -> Path:
     return found[0]
 
 
+BROKEN = (McapError, OSError, ValueError, RuntimeError, struct.error, ZstdError)
+
+
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Turn what the MCAP reader or the system raises into a `BagError` that names the file."""
+    """Turn what the MCAP library and its codecs raise into a `BagError` that names the file."""
     try:
         yield
-    except (McapError, OSError, EOFError, ValueError) as error:
+    except BROKEN as error:
         raise BagError(f'{path}: {error or type(error).__name__}') from error
 
 
-def messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message] | Metadata]:
-    """Yield the records of a file in the order of time; of a cut-off one, as far as it goes."""
+def records(path: Path) -> Iterator[tuple[Channel, Message] | Metadata]:
+    """Yield messages and metadata: in the order of time; of a cut-off file, as far as it goes."""
     with path.open('rb') as stream, naming(path):
-        reader = make_reader(stream)
+        reader = make_reader(stream, validate_crcs=True)
         try:
             finished = reader.get_summary() is not None
-        except McapError:
+        except BROKEN:  # what stands at the end is no footer
             finished = False
         if finished:
             yield from reader.iter_metadata()
-            yield from reader.iter_messages()
-            return
-        stream.seek(0)
-        channels: dict[int, Channel] = {}
-        try:
-            for record in StreamReader(stream).records:
-                if isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    yield None, channels[record.channel_id], record
-                elif isinstance(record, Metadata):
-                    yield record
-        except EndOfFile:
-            return
+            for _, channel, message in reader.iter_messages():
+                yield channel, message
+        else:
+            stream.seek(0)
+            yield from records_up_to_the_cut(stream)
+
+
+def records_up_to_the_cut(stream: IO[bytes]) -> Iterator[tuple[Channel, Message] | Metadata]:
+    """Yield what stands before the first incomplete record or damaged chunk."""
+    channels: dict[int, Channel] = {}
+    try:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            inner = (breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk)
+                     else [record])
+            for item in inner:
+                if isinstance(item, Channel):
+                    channels[item.id] = item
+                elif isinstance(item, Message):
+                    yield channels[item.channel_id], item
+                elif isinstance(item, Metadata):
+                    yield item
+    except BROKEN:
+        return
 
 
 def read(bag: str | Path) -> Recording:
@@ -211,7 +225,7 @@ def read(bag: str | Path) -> Recording:
     parameters: dict[str, dict[str, Any]] = {}
     receipt: dict[str, str] = {}
     layouts: dict[str, list[JointStateLayout]] | None = None
-    for item in messages(path):
+    for item in records(path):
         if isinstance(item, Metadata):
             if item.name.startswith('parameters:'):
                 name = item.name.removeprefix('parameters:')
@@ -220,7 +234,7 @@ def read(bag: str | Path) -> Recording:
             elif item.name == 'recording':
                 receipt = item.metadata
             continue
-        _, channel, message = item
+        channel, message = item
         kind = channel.topic.rsplit('/', 1)[-1]
         if kind not in rows:
             continue

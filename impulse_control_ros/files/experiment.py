@@ -128,8 +128,10 @@ def read_experiment(path: str | Path) -> Experiment:
         content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
     except (OSError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
+    if not isinstance(content, Mapping):
+        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(NODES)}')
     sets: dict[str, Any] = {}
-    for name, section in (content or {}).items():
+    for name, section in content.items():
         if name not in NODES:
             raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')
         try:

@@ -1,11 +1,20 @@
 """The control law of one sample: guards, gains, memory, limits."""
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from impulse_control_ros.core.impulse import (
-    ANSWER, control, Controller, fresh_memory, NO_IMPULSE, POSITION_ZERO, STICKING, VELOCITY_ZERO)
+    ANSWER,
+    control,
+    Controller,
+    fresh_memory,
+    NO_IMPULSE,
+    POSITION_ZERO,
+    STICKING,
+    VELOCITY_ZERO,
+)
 
 M, K, D, D_BAR, STEP = 0.1, 10.0, 0.5, 1.5, 1e-4
 

@@ -5,8 +5,7 @@ import pytest
 
 from impulse_control_ros.core.design import critical_damping, findings
 from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.metrics import (
-    first_position_zero, overshoot, peak, settling_time)
+from impulse_control_ros.core.metrics import first_position_zero, overshoot, peak, settling_time
 
 TIME = np.arange(6) * 0.5
 

@@ -1,0 +1,197 @@
+"""Bags, read back by independent readers, finished or cut off."""
+
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
+import yaml
+
+from impulse_control_ros.files.bag import BagError, BagWriter, read, Topic
+from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.mcap_file import CHUNK_SIZE
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {'history': 'keep_last', 'depth': 4000, 'reliability': 'reliable', 'durability': 'volatile',
+       'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 'automatic',
+       'liveliness_lease_duration': FOREVER, 'avoid_ros_namespace_conventions': False}
+STATE, COMMAND = JointStateLayout('axis'), JointStateLayout('axis', '', ('effort',))
+EVENT = JointStateLayout('axis', 'position_zero')
+START, STEP = 1_000_000_000, 100_000
+
+
+def topic(name, kind='sensor_msgs/msg/JointState'):
+    return Topic(name=name, type=kind, qos=(QOS,))
+
+
+def entries(count):
+    for k in range(count):
+        sec, nanosec = divmod(START + k * STEP, 10**9)
+        yield START + k * STEP, 1, STATE.encode(sec, nanosec, 0.5 / (k + 1), -k, 5.0)
+        if k % 100 == 7:
+            yield START + k * STEP, 2, EVENT.encode(sec, nanosec, 0.5, -k, 0.25)
+        yield START + k * STEP, 3, COMMAND.encode(sec, nanosec, 5.0 * k)
+
+
+def begun(folder, count, compression='none'):
+    writer = BagWriter(folder, compression)
+    for name in ('/joint_states', '/impulse_events', '/joint_commands'):
+        writer.add_topic(topic(name))
+    writer.add_topic(topic('/damping', 'std_msgs/msg/Float64'))
+    writer.add_metadata('parameters:/controller', {'K': '10.0', 'joint_name': '"axis"'})
+    writer.write(entries(count))
+    return writer
+
+
+def finished(folder, count=10_000, compression='none'):
+    writer = begun(folder, count, compression)
+    writer.add_metadata('recording', {'messages': str(writer.count)})
+    writer.close()
+    return folder
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+def test_rosbags_reads_every_message_type_and_quality_of_service(tmp_path, compression):
+    expected = list(entries(10_000))
+    with Reader(finished(tmp_path / 'run', compression=compression)) as reader:
+        assert reader.message_count == len(expected)
+        assert (reader.start_time, reader.duration) == (START, 9_999 * STEP + 1)
+        for connection in reader.connections:
+            assert connection.digest == STORE.hash_rihs01(connection.msgtype)
+            assert connection.ext.offered_qos_profiles[0].depth == 4000
+        got = sorted((stamp, connection.topic, bytes(raw))
+                     for connection, stamp, raw in reader.messages())
+    names = {1: '/joint_states', 2: '/impulse_events', 3: '/joint_commands'}
+    assert got == sorted((stamp, names[channel], raw) for stamp, channel, raw in expected)
+    assert STORE.deserialize_cdr(got[0][2], 'sensor_msgs/msg/JointState').name == ['axis']
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+def test_the_mcap_reader_agrees_on_checksums_statistics_and_index(tmp_path, compression):
+    path = finished(tmp_path / 'run', compression=compression) / 'run_0.mcap'
+    with path.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert reader.get_header().profile == 'ros2'
+        messages = list(reader.iter_messages())
+        names = [record.name for record in reader.iter_metadata()]
+    statistics = summary.statistics
+    assert len(messages) == statistics.message_count == 20_100
+    assert statistics.channel_message_counts == {1: 10_000, 2: 100, 3: 10_000, 4: 0}
+    assert (statistics.message_start_time, statistics.message_end_time) == (
+        START, START + 9_999 * STEP)
+    assert len(summary.chunk_indexes) == statistics.chunk_count > 3
+    assert all(index.uncompressed_size < 2 * CHUNK_SIZE <= 2**20
+               for index in summary.chunk_indexes)
+    assert [message.log_time for _, _, message in messages] == sorted(
+        message.log_time for _, _, message in messages)
+    assert {(schema.name, schema.encoding) for schema in summary.schemas.values()} == {
+        ('sensor_msgs/msg/JointState', 'ros2msg'), ('std_msgs/msg/Float64', 'ros2msg')}
+    assert names == ['rosbag2', 'parameters:/controller', 'recording', 'rosbag2']
+
+
+def test_a_range_of_time_is_found_by_the_message_index(tmp_path):
+    path = finished(tmp_path / 'run') / 'run_0.mcap'
+    with path.open('rb') as stream:
+        found = [message.log_time for _, _, message in make_reader(stream).iter_messages(
+            topics='/joint_states', starting_at=START + 5000 * STEP,
+            ending_before=START + 5010 * STEP)]
+    assert found == [START + k * STEP for k in range(5000, 5010)]
+
+
+def test_log_times_never_go_back_whatever_is_given(tmp_path):
+    writer = begun(tmp_path / 'run', 10)
+    writer.write([(START, 1, STATE.encode(1, 0, 1.0, 0.0, 0.0))])
+    writer.close()
+    with (tmp_path / 'run' / 'run_0.mcap').open('rb') as stream:
+        last = list(make_reader(stream).iter_messages())[-1][2]
+    assert (last.log_time, last.publish_time) == (START + 9 * STEP, START)
+
+
+def test_the_metadata_file_is_that_of_jazzy(tmp_path):
+    folder = finished(tmp_path / 'run', 100)
+    content = yaml.safe_load((folder / 'metadata.yaml').read_text())
+    bag = content['rosbag2_bagfile_information']
+    assert list(content) == ['rosbag2_bagfile_information']
+    assert (bag['version'], bag['storage_identifier'], bag['ros_distro']) == (9, 'mcap', 'jazzy')
+    assert bag['duration']['nanoseconds'] == 99 * STEP
+    assert bag['starting_time']['nanoseconds_since_epoch'] == START
+    assert bag['message_count'] == 201
+    assert bag['relative_file_paths'] == ['run_0.mcap'] == [bag['files'][0]['path']]
+    assert (bag['compression_format'], bag['compression_mode']) == ('', '')
+    states = bag['topics_with_message_count'][0]
+    assert states['message_count'] == 100
+    assert states['topic_metadata']['offered_qos_profiles'] == [QOS]
+    assert states['topic_metadata']['serialization_format'] == 'cdr'
+    assert '&' not in (folder / 'metadata.yaml').read_text()
+
+
+def test_what_is_written_is_read(tmp_path):
+    run = read(finished(tmp_path / 'run', 300))
+    assert np.array_equal(run.states['stamp'], START + np.arange(300) * STEP)
+    assert list(run.states['position']) == [0.5 / (k + 1) for k in range(300)]
+    assert list(run.commands['effort']) == [5.0 * k for k in range(300)]
+    assert [tuple(row) for row in run.impulses] == [
+        (START + k * STEP, 1, 0.5, -k, 0.25) for k in (7, 107, 207)]
+    assert run.parameters == {'/controller': {'K': 10.0, 'joint_name': 'axis'}}
+    assert run.receipt == {'messages': '603'}
+
+
+def test_an_existing_folder_is_refused_and_left_alone(tmp_path):
+    (tmp_path / 'run').mkdir()
+    with pytest.raises(BagError, match='run.*exists'):
+        BagWriter(tmp_path / 'run')
+    assert list((tmp_path / 'run').iterdir()) == []
+
+
+def test_a_topic_of_an_unknown_type_is_refused_by_name(tmp_path):
+    writer = BagWriter(tmp_path / 'run')
+    with pytest.raises(BagError, match='/thing.*no_msgs/msg/Thing'):
+        writer.add_topic(topic('/thing', 'no_msgs/msg/Thing'))
+    writer.close()
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp('bags') / 'run', 12_000) / 'run_0.mcap'
+
+
+@settings(max_examples=30, deadline=None)
+@given(fraction=st.floats(0.0, 1.0, exclude_max=True))
+def test_a_file_cut_off_anywhere_reads_up_to_its_last_whole_chunk(
+        whole, tmp_path_factory, fraction):
+    length = 8 + int(fraction * (whole.stat().st_size - 9))
+    path = Path(tmp_path_factory.mktemp('cut'), 'cut.mcap')
+    path.write_bytes(whole.read_bytes()[:length])
+    run = read(path)
+    count = len(run.states)
+    assert np.array_equal(run.states['stamp'], START + np.arange(count) * STEP)
+    per_sample = (84 + 60 + 2 * 31 + 2 * 16)
+    assert count >= (length - 4000 - 1.1 * CHUNK_SIZE) / per_sample * 0.8
+
+
+def test_a_flipped_byte_in_a_finished_bag_is_found(tmp_path):
+    path = finished(tmp_path / 'run') / 'run_0.mcap'
+    content = bytearray(path.read_bytes())
+    content[content.index(b'axis', len(content) // 2) + 18] ^= 0x10  # a bit of a position
+    path.write_bytes(content)
+    with pytest.raises(BagError, match='run_0.mcap'):
+        read(path)
+
+
+@pytest.mark.parametrize('content', [b'', b'no bag at all', b'\x89MCAP0\r\n'[:5]])
+def test_what_is_no_bag_is_refused_by_name(tmp_path, content):
+    path = tmp_path / 'thing.mcap'
+    path.write_bytes(content)
+    with pytest.raises(BagError, match='thing.mcap'):
+        read(path)
+
+
+def test_a_folder_without_a_file_is_refused(tmp_path):
+    with pytest.raises(BagError, match='0 .mcap files'):
+        read(tmp_path)

@@ -1,0 +1,59 @@
+"""Parameter files: complete, plain, and refused by name."""
+
+import pytest
+import yaml
+
+from impulse_control_ros.core.parameter import declared, ParameterError
+from impulse_control_ros.files.experiment import flattened, NODES, read_experiment
+from test.conftest import CONFIG
+
+FILES = sorted(CONFIG.glob('*.yaml'))
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
+def test_every_experiment_is_complete_and_has_nothing_else(path):
+    read_experiment(path)
+    content = yaml.safe_load(path.read_text())
+    for node, kind in NODES.items():
+        given = set(flattened(content[node]['ros__parameters']))
+        # a run names its own bag
+        assert given == {name for name, _, _ in declared(kind)} - {'bag'}
+
+
+def test_plant_and_controller_agree_in_every_experiment():
+    for path in FILES:
+        experiment = read_experiment(path)
+        plant, controller = experiment.plant_simulator, experiment.controller
+        assert (plant.m, plant.time_step, plant.joint_name) == (
+            controller.m, controller.time_step, controller.joint_name)
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('controller:\n  ros__parameters:\n    K: ten\n', "controller: K = 'ten'"),
+    ('controller:\n  ros__parameters:\n    Kp: 1.0\n', 'Kp = 1.0'),
+    ('contoller:\n  ros__parameters:\n    K: 1.0\n', "'contoller' is refused"),
+    ('controller:\n  K: 1.0\n', 'controller has no ros__parameters'),
+    ('controller: [\n', 'expected'),
+    ('plant_simulator:\n  ros__parameters:\n    damping: {kind: wavy}\n', "kind = 'wavy'"),
+    ('- K\n', 'is refused: allowed is plant_simulator'),
+])
+def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
+    path = tmp_path / 'wrong.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError) as refused:
+        read_experiment(path)
+    assert said in str(refused.value)
+    assert 'wrong.yaml' in str(refused.value)
+    assert '\n' not in str(refused.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ParameterError, match='nowhere.yaml'):
+        read_experiment(tmp_path / 'nowhere.yaml')
+
+
+def test_numbers_are_read_as_ros_reads_them(tmp_path):
+    path = tmp_path / 'short.yaml'
+    path.write_text('controller:\n  ros__parameters:\n    position_deadband: 1e-4\n    K: 12\n')
+    controller = read_experiment(path).controller
+    assert (controller.position_deadband, controller.K) == (1e-4, 12.0)
