@@ -127,13 +127,14 @@ def run_child(role: str) -> None:
     from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import JointState
 
-    from impulse_control_ros.nodes.topics import command_layout, SERIES_QOS, state_layout
+    from impulse_control_ros.files.cdr import JointStateLayout
+    from impulse_control_ros.nodes.topics import SERIES_QOS
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stopped = []
     signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
-    state = state_layout('axis').encode(1, 0, 0.5, 0.0, 0.0)
-    command = command_layout('axis').encode(1, 0, 5.0)
+    state = JointStateLayout('axis').encode(1, 0, 0.5, 0.0, 0.0)
+    command = JointStateLayout('axis', '', ('effort',)).encode(1, 0, 5.0)
     count = [0]
 
     def make(name: str, out: str, into: str, reply: bytes) -> tuple[object, object, object]:

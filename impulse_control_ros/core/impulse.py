@@ -103,7 +103,7 @@ def guard_of(memory, gains, position, direction):
     side = sign(error)
     if memory.started:
         before = sign(memory.position - gains.x_r)
-        crossed = before * memory.side != 0.0 and side != before and side != memory.side
+        crossed = memory.side != 0.0 and side != memory.side and side != before
     else:
         crossed = side == 0.0
     if crossed and direction != 0.0:

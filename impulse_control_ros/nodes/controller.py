@@ -47,10 +47,10 @@ class Controller(ParameterNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('controller', ControllerParameters, **options)
-        joint = self.parameters.joint_name
-        self._state_layout = state_layout(joint)
-        self._command_layout = command_layout(joint)
-        self._event_layouts = [event_layout(joint, guard) for guard in GUARDS]
+        joint, logger = self.parameters.joint_name, self.get_logger()
+        self._state_layout = state_layout(joint, logger)
+        self._command_layout = command_layout(joint, logger)
+        self._event_layouts = [event_layout(joint, logger, guard) for guard in GUARDS]
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
         self._seen = b''
         self._sent: tuple[bytes, bytes] = (b'', b'')

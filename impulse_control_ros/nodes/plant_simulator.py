@@ -52,9 +52,10 @@ class PlantSimulator(ParameterNode):
         parameters = self.parameters
         self._step_ns = nanoseconds(parameters.time_step, 'time_step')
         self._start_ns = nanoseconds(parameters.start_time, 'start_time')
-        self._layout = state_layout(parameters.joint_name)
-        self._reset_layout = state_layout(parameters.joint_name, RESET_MARK)
-        self._command_layout = command_layout(parameters.joint_name)
+        joint, logger = parameters.joint_name, self.get_logger()
+        self._layout = state_layout(joint, logger)
+        self._reset_layout = state_layout(joint, logger, RESET_MARK)
+        self._command_layout = command_layout(joint, logger)
         self._lockstep = parameters.lockstep
         self.finished = False
         self.tick = -1
