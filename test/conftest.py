@@ -150,14 +150,25 @@ class Client:
         """Serve the node until ``condition`` is true; returns its value."""
         return wait_for(condition, what, lambda: self._executor.spin_once(timeout_sec=0.05))
 
-    def call(self, service: str, kind: type, **request: object) -> object:
-        """Call a service and return its response."""
+    def call(self, service: str, kind: type, once: bool = False, **request: object) -> object:
+        """
+        Call a service and return its response.
+
+        A response is lost when the server has not yet matched this client's reader, so unless
+        ``once``, the call is made again after a while.
+        """
         client = self.node.create_client(kind, service)
         try:
             self.spin_until(client.service_is_ready, f'service {service}')
-            future = client.call_async(kind.Request(**request))
-            self.spin_until(future.done, f'response of {service}')
-            return future.result()
+            calls, asked = [], 0.0
+
+            def answered() -> list[object]:
+                nonlocal asked
+                if not calls or (not once and time.monotonic() > asked + 10.0):
+                    asked = time.monotonic()
+                    calls.append(client.call_async(kind.Request(**request)))
+                return [call for call in calls if call.done()]
+            return self.spin_until(answered, f'response of {service}')[0].result()
         finally:
             self.node.destroy_client(client)
 

@@ -140,6 +140,7 @@ def test_the_composed_run_of_the_readme_is_recorded(shell):
 def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
     nodes = [shell.start(line) for line in ros2('run') if ' closed_loop ' not in line]
     assert len(nodes) == 3
+    nodes[2].says('recording into')
     for line in COMMANDS[COMMANDS.index(ros2('param')[0]):]:
         shell.run(line)
     assert 12.0 in shell.outcomes

@@ -106,6 +106,10 @@ def test_a_state_that_goes_back_begins_another_run():
     assert len(timeline.take()) == 6
 
 
+def test_another_state_at_the_same_stamp_begins_another_run():
+    assert Timeline(STEP).add(STATES, [state(0), state(0, position=0.25)]) == 1
+
+
 def test_states_before_the_first_command_are_not_missing_theirs():
     _, timeline = recorded([(STATES, [state(k) for k in range(10)]),
                             (COMMANDS, [command(k) for k in range(4, 10)])])
