@@ -20,6 +20,7 @@ from std_msgs.msg import Float64
 
 from impulse_control_ros.core.design import findings
 from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
+from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -52,13 +53,13 @@ class Controller(ParameterNode):
         self._command_layout = command_layout(joint, logger)
         self._event_layouts = [event_layout(joint, logger, guard) for guard in GUARDS]
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
+        self._packed = self.parameters.packed()
+        self._control = machine_code(
+            control, fresh_memory(), self._packed, 0.0, 0.0, np.zeros(1, ANSWER))
         self._seen = b''
         self._sent: tuple[bytes, bytes] = (b'', b'')
         self._stamp = (0, 0)
         self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
-        control(self._memory, self._gains(), 0.0, 0.0, self._answer)  # compile before the run
-        self._start_afresh()
-        self._packed = self._gains()
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, EVENT_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
@@ -69,9 +70,6 @@ class Controller(ParameterNode):
         Diagnostics(self, self._report)
         self._warn()
 
-    def _gains(self) -> np.ndarray:
-        return self.parameters.packed()
-
     def _start_afresh(self) -> None:
         self._memory = fresh_memory()
 
@@ -81,7 +79,7 @@ class Controller(ParameterNode):
 
     def parameters_changed(self) -> None:
         """Let the next sample be answered with the new gains."""
-        self._packed = self._gains()
+        self._packed = self.parameters.packed()
         self._warn()
 
     def _on_setpoint(self, message: Float64) -> None:
@@ -106,7 +104,7 @@ class Controller(ParameterNode):
             self._start_afresh()
             self.get_logger().info('joint_states went back in time: started afresh')
         self._stamp, self._seen = (sec, nanosec), raw
-        control(self._memory, self._packed, position, velocity, self._answer)
+        self._control(self._memory, self._packed, position, velocity, self._answer)
         effort, area, guard = self._answer.item()
         event = b''
         if guard:

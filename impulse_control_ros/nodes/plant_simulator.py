@@ -20,6 +20,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.axis import plant_step
+from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import encode_float64, encode_time
 from impulse_control_ros.files.experiment import PlantParameters
@@ -60,7 +61,8 @@ class PlantSimulator(ParameterNode):
         self.finished = False
         self.tick = -1
         self._state = parameters.start()
-        plant_step(*parameters.packed(), parameters.start(), 0.0)  # compile before the run
+        self._plant_step = machine_code(
+            plant_step, *parameters.packed(), parameters.start(), 0.0)
         self._stamp = self._answered = (-1, 0)
         self._message = b''
         self._awaiting = False
@@ -112,7 +114,7 @@ class PlantSimulator(ParameterNode):
     # -- the sample -------------------------------------------------------------------------
 
     def _step(self) -> None:
-        plant_step(self._axis, self._profile, self._state, self._effort)
+        self._plant_step(self._axis, self._profile, self._state, self._effort)
         self._publish_sample(self._layout)
 
     def _reset_state(self) -> None:
@@ -209,6 +211,8 @@ class PlantSimulator(ParameterNode):
     def poll(self) -> float:
         """Do what is due by the wall clock: start, publish again, pace."""
         now = monotonic()
+        if self._awaiting and now < self._asked_at + self.parameters.command_timeout:
+            return IDLE
         if self.tick < 0:
             return self._start_when_matched(now)
         if not self._awaiting:

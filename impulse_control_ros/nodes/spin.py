@@ -53,7 +53,7 @@ def make_executor() -> Executor:
 
 
 def spin(nodes: Sequence[Any], stop: StopRequest,
-         between: Callable[[], bool] = lambda: False) -> None:
+         between: Callable[[], bool] | None = None) -> None:
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
@@ -66,9 +66,14 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
     try:
         for node in nodes:
             executor.add_node(node)
-        while not stop.requested and not any(node.finished for node in nodes):
-            timeout = min(node.poll() for node in nodes)
-            if between():
+        while not stop.requested:
+            timeout, finished = IDLE, False
+            for node in nodes:
+                timeout = min(timeout, node.poll())
+                finished = finished or node.finished
+            if finished:
+                break
+            if between and between():
                 serve_what_waits(executor)
             else:
                 executor.spin_once(timeout_sec=timeout)
@@ -89,7 +94,7 @@ def serve_what_waits(executor: Executor) -> None:
 
 def main(prog: str, description: str, makers: Callable[[argparse.Namespace], list[Maker]],
          add_options: Callable[[argparse.ArgumentParser], None] | None = None,
-         between: Callable[[], bool] = lambda: False) -> int:
+         between: Callable[[], bool] | None = None) -> int:
     """
     Be the whole of an executable; returns the exit status.
 

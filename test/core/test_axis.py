@@ -91,7 +91,8 @@ def test_the_stop_is_found_inside_the_sample():
     stop = findroot(lambda t: (friction / d) - (friction / d - v) * exp(-mpf(d) / m * t), 5e-5)
     assert 0 < stop < STEP
     before, _ = axis_step(0.0, v, 0.0, d, m, friction, float(stop))
-    assert axis_step(0.0, v, 0.0, d, m, friction, STEP) == (pytest.approx(before, rel=1e-9), 0.0)
+    assert axis_step(0.0, v, 0.0, d, m, friction, STEP) == (
+        pytest.approx(before, rel=1e-9, abs=0.0), 0.0)
 
 
 @pytest.mark.parametrize('z', [0.0, 1e-12, 1e-5, 9.999e-3, 1.0001e-2, 0.5, 40.0])
