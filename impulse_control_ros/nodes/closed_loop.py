@@ -8,7 +8,8 @@ publishes the next state, and so on for SLICE seconds. Every message still goes 
 outside subscribers see all of them. Between two slices the recorder empties its subscriptions,
 and the executor serves what waits: parameters, reset/pause/step, setpoint, timers, discovery.
 The subscriptions that the loop takes from are hidden from the executor. When nothing moves
-(paused, paced, held by an outside recorder), the executor waits instead, for POLL at most.
+(paused, held by an outside recorder), the executor waits instead. A paced sample that is due
+within SPIN is awaited here, busily: the executor's waits are 0.1 ms too long.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from impulse_control_ros.nodes.spin import main as run_nodes
 from impulse_control_ros.nodes.spin import Maker
 
 SLICE = 0.005
+SPIN = 2e-4
 BURST = 50
 
 
@@ -63,11 +65,12 @@ class ClosedLoop:
     def run_slice(self) -> bool:
         """Run samples for a while; returns whether any was made."""
         began, end = self._plant.tick, perf_counter() + SLICE
-        moved = True
-        while moved and perf_counter() < end:
+        while perf_counter() < end:
             moved = self._run_burst()
             if self._recorder:
                 self._recorder.take()
+            if not moved and self._plant.poll() > SPIN:
+                break
         self._show()
         return self._plant.tick > began
 
@@ -94,6 +97,7 @@ class ClosedLoop:
         if not parameters.duration or self._plant.tick < 0:
             return
         if self._bar is None:
+            tqdm.monitor_interval = 0  # no thread beside ours
             self._bar = tqdm(
                 total=parameters.duration, unit='s', disable=None, leave=False,
                 bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated, {rate_fmt}')

@@ -215,9 +215,10 @@ class PlantSimulator(ParameterNode):
             return IDLE
         if self.tick < 0:
             return self._start_when_matched(now)
+        tick = self.tick
         if not self._awaiting:
             self._proceed()
-        if self.finished:
+        if self.finished or self.tick > tick:
             return 0.0
         if self._lockstep and now >= self._asked_at + self._patience():
             self._ask_again(now)

@@ -67,13 +67,14 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
         for node in nodes:
             executor.add_node(node)
         while not stop.requested:
+            busy = between and between()
             timeout, finished = IDLE, False
             for node in nodes:
                 timeout = min(timeout, node.poll())
                 finished = finished or node.finished
             if finished:
                 break
-            if between and between():
+            if busy:
                 serve_what_waits(executor)
             else:
                 executor.spin_once(timeout_sec=timeout)
