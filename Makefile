@@ -18,6 +18,9 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed check
 	$(RUN)/python -m pytest
 
+bench: $(VENV)/.installed
+	$(RUN)/python benchmarks/lockstep.py
+
 check: $(VENV)/.installed
 	$(RUN)/ruff check .
 	$(RUN)/mypy

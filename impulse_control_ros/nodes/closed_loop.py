@@ -69,7 +69,7 @@ class ClosedLoop:
             moved = self._run_burst()
             if self._recorder:
                 self._recorder.take()
-            if not moved and self._plant.poll() > SPIN:
+            if not moved and (self._plant.poll() > SPIN or self._plant.finished):
                 break
         self._show()
         return self._plant.tick > began

@@ -186,7 +186,7 @@ class PlantSimulator(ParameterNode):
 
     def _proceed(self) -> None:
         """Make the next sample unless something holds it."""
-        if self._awaiting or self.tick >= self._recorders.limit:
+        if self._awaiting or self.finished or self.tick >= self._recorders.limit:
             return
         if self.tick >= self._last_tick:
             if self._recorders.have(self.tick):
