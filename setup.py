@@ -32,5 +32,5 @@ setup(
     },
     zip_safe=True,
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.nodes.{name}:main' for name in NODES]},
+        f'{name} = {PACKAGE}.nodes.entry:{name}' for name in NODES]},
 )

@@ -55,6 +55,11 @@ class Process:
     def running(self) -> bool:
         return self._popen.poll() is None
 
+    @property
+    def memory_map(self) -> str:
+        """Name the libraries it has loaded."""
+        return Path(f'/proc/{self._popen.pid}/maps').read_text()
+
     def says(self, text: str) -> None:
         """Wait until the output holds ``text``."""
         wait_for(lambda: text in self.output or not self.running, f'{self.name}: {text!r}')

@@ -132,10 +132,11 @@ def read_experiment(path: str | Path) -> Experiment:
         raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(NODES)}')
     sets: dict[str, Any] = {}
     for name, section in content.items():
-        if name not in NODES:
+        node = str(name).rsplit('/', 1)[-1]  # whatever its namespace
+        if node not in NODES:
             raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')
         try:
-            sets[name] = build(NODES[name], flattened(section['ros__parameters']))
+            sets[node] = build(NODES[node], flattened(section['ros__parameters']))
         except (KeyError, TypeError):
             raise ParameterError(f'{path}: {name} has no ros__parameters') from None
         except ParameterError as error:

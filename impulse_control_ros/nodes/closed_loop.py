@@ -24,6 +24,7 @@ from tqdm import tqdm
 
 from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.nodes.controller import Controller
+from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
 from impulse_control_ros.nodes.spin import main as run_nodes
@@ -121,7 +122,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-recorder', action='store_true', help='run without a recorder')
 
 
-def main() -> int:
+def main(stop: StopRequest) -> int:
     """Run the three nodes of a parameter file until the run is over."""
     loop = ClosedLoop()
 
@@ -132,7 +133,7 @@ def main() -> int:
                 *[loop.make_recorder] * record]
 
     try:
-        return run_nodes('closed_loop', 'Plant, controller and recorder in one process.', makers,
-                         add_options, loop.run_slice)
+        return run_nodes(stop, 'closed_loop', 'Plant, controller and recorder in one process.',
+                         makers, add_options, loop.run_slice)
     finally:
         loop.close()

@@ -23,6 +23,7 @@ from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUAR
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE
 from impulse_control_ros.nodes.spin import main as run_node
@@ -163,7 +164,8 @@ class Controller(ParameterNode):
             publisher.wait_for_all_acked(Duration(seconds=1))
 
 
-def main() -> int:
+def main(stop: StopRequest) -> int:
     """Run the node."""
-    return run_node('controller', 'PD and impulses: answers joint_states with joint_commands.',
-                    lambda _: [Controller])
+    return run_node(
+        stop, 'controller', 'PD and impulses: answers joint_states with joint_commands.',
+        lambda _: [Controller])

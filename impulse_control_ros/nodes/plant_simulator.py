@@ -25,6 +25,7 @@ from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import encode_float64, encode_time
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
@@ -321,8 +322,9 @@ class PlantSimulator(ParameterNode):
         self._clock_topic.wait_for_all_acked(Duration(seconds=1))
 
 
-def main() -> int:
+def main(stop: StopRequest) -> int:
     """Run the node."""
     return run_node(
-        'plant_simulator', 'The axis in simulated time: joint_states out, joint_commands in.',
+        stop, 'plant_simulator',
+        'The axis in simulated time: joint_states out, joint_commands in.',
         lambda _: [PlantSimulator])

@@ -33,6 +33,7 @@ from impulse_control_ros.files.bag import BagWriter, refuse_existing, Topic
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.parameters import ParameterNode, ParameterReading
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
@@ -241,7 +242,7 @@ class Recorder(ParameterNode):
                 self._open({})
 
 
-def main() -> int:
+def main(stop: StopRequest) -> int:
     """Run the node."""
-    return run_node('recorder', 'Records the run into a rosbag2 folder (MCAP).',
+    return run_node(stop, 'recorder', 'Records the run into a rosbag2 folder (MCAP).',
                     lambda _: [Recorder])

@@ -62,9 +62,9 @@ class Recorders:
         tick = self._tick_at(message.stamp.sec * SECOND + message.stamp.nanosec)
         if message.frame_id not in self._reached:
             self._node.get_logger().info(f'recorder {message.frame_id} joined the lockstep')
-            self.handshaking = True
-        # A stamp ahead of ours is of an earlier run: that recorder has nothing of this one.
+        # A stamp ahead of ours is of an earlier run, and 0 of a recorder that starts anew.
         self._reached[message.frame_id] = tick if 0 <= tick <= self._tick() else -1
+        self.handshaking = self.handshaking or self._reached[message.frame_id] < 0
         self._update()
 
     def _update(self) -> None:

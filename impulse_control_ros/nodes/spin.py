@@ -2,14 +2,12 @@
 Init, spin, shut down: written once for every executable.
 
 The EventsExecutor is many times faster than the default one, but its ``spin()`` never sees a
-signal and burns a core, so the loop is over ``spin_once`` with a timeout. Signals only set a
-flag. Leaving the process with the executor alive can crash, so executor, nodes and context go
-down in this order.
+signal and burns a core, so the loop is over ``spin_once`` with a timeout. Leaving the process
+with the executor alive can crash, so executor, nodes and context go down in this order.
 """
 
 import argparse
 from collections.abc import Callable, Sequence
-import signal
 import sys
 from time import perf_counter
 from typing import Any
@@ -22,23 +20,12 @@ from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.bag import BagError
+from impulse_control_ros.nodes.entry import StopRequest
 
 IDLE = 0.1
 MOST_EVENTS = 50
 EMPTY_TURN = 40e-6
 Maker = Callable[[], Any]
-
-
-class StopRequest:
-    """Set by SIGINT and SIGTERM, any number of times."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._request)
-
-    def _request(self, *_: Any) -> None:
-        self.requested = True
 
 
 def make_executor() -> Executor:
@@ -93,7 +80,8 @@ def serve_what_waits(executor: Executor) -> None:
             return
 
 
-def main(prog: str, description: str, makers: Callable[[argparse.Namespace], list[Maker]],
+def main(stop: StopRequest, prog: str, description: str,
+         makers: Callable[[argparse.Namespace], list[Maker]],
          add_options: Callable[[argparse.ArgumentParser], None] | None = None,
          between: Callable[[], bool] | None = None) -> int:
     """
@@ -102,7 +90,7 @@ def main(prog: str, description: str, makers: Callable[[argparse.Namespace], lis
     ``makers`` returns from the parsed options what makes the nodes. 0: done; 2: bad arguments or
     parameters, said in one line; 1: anything else.
     """
-    stop, nodes = StopRequest(), []
+    nodes: list[Any] = []
     try:
         options = parse(prog, description, add_options)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -47,6 +47,12 @@ def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
     assert '\n' not in str(refused.value)
 
 
+def test_a_node_is_known_in_any_namespace(tmp_path):
+    path = tmp_path / 'namespaced.yaml'
+    path.write_text('/arm/controller:\n  ros__parameters:\n    K: 3.0\n')
+    assert read_experiment(path).controller.K == 3.0
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ParameterError, match='nowhere.yaml'):
         read_experiment(tmp_path / 'nowhere.yaml')

@@ -131,6 +131,18 @@ def test_what_a_killed_recorder_has_written_reads_back_and_the_run_goes_on(runni
     assert messages >= 2 * len(run.states)
 
 
+def test_a_recorder_started_anew_under_the_same_name_is_waited_for(running):
+    running.reach(0.5)
+    running.recorder.send(signal.SIGKILL)
+    running.recorder.wait()
+    bag = running.graph.folder / 'second'
+    running.recorder = running.start('recorder', '--ros-args', '-p', f'bag:={bag}')
+    run = running.finish(bag)
+    assert run.receipt['missing'] == '0'
+    assert (np.diff(run.states['stamp']) == 100_000).all()
+    assert run.states['stamp'][-1] == run.commands['stamp'][-1] == 3_000_000_000
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_an_ended_recorder_leaves_a_finished_bag_and_the_run_goes_on(running, number):
     running.reach(0.5)

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import read
-from test.conftest import CONFIG
+from test.conftest import CONFIG, wait_for
 
 REAL_TIME = ('-p', 'plant_simulator:real_time_factor:=0.02')
 
@@ -203,6 +203,15 @@ def test_stale_foreign_and_broken_commands_are_counted_and_change_nothing(graph,
         value.key: value.value for value in reports[-1].status[0].values}.items(), str(wanted))
     assert {state.effort[0] for state in states} == {0.0, 0.5}
     assert plant.interrupt() == 0
+
+
+@pytest.mark.parametrize('node', ['plant_simulator', 'controller', 'recorder', 'closed_loop'])
+def test_a_signal_during_the_imports_ends_a_node_without_a_traceback(graph, node):
+    process = graph.start(node)
+    wait_for(lambda: 'llvmlite' in process.memory_map, 'numba')
+    process.send(signal.SIGINT)
+    assert process.wait() == 0, process.output
+    assert 'Traceback' not in process.output
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -50,7 +50,7 @@ def test_the_slow_layout_refuses_what_the_fast_one_refuses(raw):
 def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph, hidden):
     bag = graph.folder / 'bag'
     code = (f'import sys; sys.modules[{hidden!r}] = None\n'
-            'from impulse_control_ros.nodes.closed_loop import main; sys.exit(main())')
+            'from impulse_control_ros.nodes.entry import closed_loop; sys.exit(closed_loop())')
     done = subprocess.run(
         [sys.executable, '-c', code, '--ros-args', '--params-file',
          str(CONFIG / 'underdamped.yaml'), '-p', f'recorder:bag:={bag}'],
