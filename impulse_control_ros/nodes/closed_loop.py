@@ -27,8 +27,7 @@ from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
-from impulse_control_ros.nodes.spin import main as run_nodes
-from impulse_control_ros.nodes.spin import Maker
+from impulse_control_ros.nodes.spin import main as run_nodes, Maker
 
 SLICE = 0.005
 SPIN = 2e-4

@@ -25,8 +25,7 @@ from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.spin import IDLE
-from impulse_control_ros.nodes.spin import main as run_node
+from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layout,
     event_layout,

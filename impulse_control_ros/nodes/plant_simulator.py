@@ -29,8 +29,7 @@ from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
-from impulse_control_ros.nodes.spin import IDLE
-from impulse_control_ros.nodes.spin import main as run_node
+from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     CLOCK,
     command_layout,

@@ -1,7 +1,6 @@
 """The exact step of the axis, against closed forms evaluated in high precision."""
 
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from mpmath import exp, expm1, findroot, log, mp, mpf
 import pytest
 

@@ -1,7 +1,6 @@
 """Damping profiles: inside the bounds of (1), reproducible, of the declared spectrum."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 

@@ -1,7 +1,6 @@
 """The control law of one sample: guards, gains, memory, limits."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 

@@ -1,7 +1,6 @@
 """JointState as CDR, against rosbags' independent serializer."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores

@@ -1,7 +1,6 @@
 """The order of a recording, and what is missing from it."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.timeline import COMMANDS, EVENTS, STATES, Timeline
