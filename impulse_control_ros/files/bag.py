@@ -224,6 +224,7 @@ def read(bag: str | Path) -> Recording:
     rows: dict[str, list[Any]] = {'joint_states': [], 'joint_commands': [], 'impulse_events': []}
     parameters: dict[str, dict[str, Any]] = {}
     receipt: dict[str, str] = {}
+    topics: set[str] = set()
     layouts: dict[str, list[JointStateLayout]] | None = None
     for item in records(path):
         if isinstance(item, Metadata):
@@ -235,12 +236,15 @@ def read(bag: str | Path) -> Recording:
                 receipt = item.metadata
             continue
         channel, message = item
+        topics.add(channel.topic)
         kind = channel.topic.rsplit('/', 1)[-1]
         if kind not in rows:
             continue
         if layouts is None:
             layouts = layouts_of(parameters)
         rows[kind].append((message.publish_time, *decoded(layouts[kind], message.data, path)))
+    if topics and not rows['joint_states']:
+        raise BagError(f'{path}: no joint_states among its topics {", ".join(sorted(topics))}')
     return Recording(
         states=np.array(rows['joint_states'], SAMPLE),
         commands=np.array(rows['joint_commands'], COMMAND),

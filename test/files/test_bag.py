@@ -191,6 +191,14 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path, content):
         read(path)
 
 
+def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
+    writer = BagWriter(tmp_path / 'run')
+    writer.write([(START, writer.add_topic(topic('/elsewhere')), STATE.encode(1, 0, 0, 0, 0))])
+    writer.close()
+    with pytest.raises(BagError, match='no joint_states among its topics /elsewhere'):
+        read(tmp_path / 'run')
+
+
 def test_a_folder_without_a_file_is_refused(tmp_path):
     with pytest.raises(BagError, match='0 .mcap files'):
         read(tmp_path)

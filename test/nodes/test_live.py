@@ -11,8 +11,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from impulse_control_ros.core.parameter import declared
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import read
+from impulse_control_ros.files.experiment import NODES
 from test.conftest import CONFIG, wait_for
 
 REAL_TIME = ('-p', 'plant_simulator:real_time_factor:=0.02')
@@ -74,6 +76,25 @@ def test_a_bad_value_in_a_set_changes_nothing_at_all(graph, client):
     assert client.get('controller', 'K', 'D', 'alpha_ratio') == [10.0, 0.5, 0.6]
     run = finish(client, process, bag)
     assert (run.commands['effort'] == pd(run, 10.0, 0.5, 0.0)).all()
+
+
+OTHER_VALUES = {'damping.kind': 'noise', 'c': 1.0, 'alpha_ratio': 0.75, 'duration': 1.5,
+                'damping.upper': 2.0, 'damping.lower': 0.25, 'impulses': False}
+
+
+def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused(graph, client):
+    process, bag = paused(graph, client)
+    for node in ('plant_simulator', 'controller'):
+        for name, _, spec in declared(NODES[node]):
+            now = client.get(node, name)[0]
+            other = OTHER_VALUES.get(name, not now if isinstance(now, bool) else (
+                now + 1 if isinstance(now, (int, float)) else 'other'))
+            result = client.set(node, **{name: other})
+            assert result.successful != spec.read_only, (name, result.reason)
+            assert (client.get(node, name) == [other]) != spec.read_only
+    run = finish(client, process, bag)
+    assert run.states['stamp'][-1] == int(2.5 * SECOND)
+    assert run.receipt['missing'] == '0'
 
 
 def test_an_unwise_value_is_taken_with_a_warning_that_names_the_right_one(graph, client):
