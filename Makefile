@@ -3,13 +3,14 @@
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
-EXTRAS := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo test || echo ros,test)
+SOURCED := $(and $(filter jazzy,$(ROS_DISTRO)),$(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes))
+EXTRAS := $(if $(SOURCED),[test],[ros,test])
 
 .PHONY: demo test check bench clean
 
 $(VENV)/.installed: setup.py pyproject.toml setup.cfg
-	$(PYTHON) -m venv $(if $(findstring ros,$(EXTRAS)),,--system-site-packages) $(VENV)
-	$(RUN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+	$(PYTHON) -m venv $(if $(SOURCED),--system-site-packages) $(VENV)
+	$(RUN)/python -m pip install --quiet --editable '.$(EXTRAS)'
 	touch $@
 
 demo: $(VENV)/.installed
