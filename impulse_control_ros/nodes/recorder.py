@@ -95,7 +95,7 @@ class Recorder(ParameterNode):
         return made
 
     def take(self) -> None:
-        """Take what waits in the subscriptions; where they are hidden from the executor."""
+        """Take what waits in the subscriptions, when no executor does."""
         for subscription, inbox in self.inboxes.items():
             take = subscription.handle.take_message
             while taken := take(subscription.msg_type, True):
@@ -233,6 +233,7 @@ class Recorder(ParameterNode):
 
     def close(self) -> None:
         """Finish the bag with all that has arrived."""
+        self.take()
         if not self._bags:
             self.get_logger().warning('nothing recorded: plant and controller were not both there')
         while self.bag:

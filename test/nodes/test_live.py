@@ -111,9 +111,10 @@ def test_a_composed_run_at_full_speed_serves_parameters_services_and_outside_sub
     assert client.set('controller', x_r=0.125).successful
     client.spin_until(lambda: abs(states[-1].position[0] - 0.125) < 1e-3, 'the new set-point')
     assert client.call('/plant_simulator/reset', Trigger).success
-    assert client.call('/plant_simulator/pause', SetBool, data=True).success
+    response = client.call('/plant_simulator/pause', SetBool, data=True)
     assert process.interrupt() == 0, process.output
     run = read(bag)
+    assert response.message == f'paused at {run.states["stamp"][-1] / SECOND:.9f} s'
     assert run.receipt['missing'] == '0'
     assert (np.diff(run.states['stamp']) == 100_000).all()
     started = (run.states['position'] == 0.5) & (run.states['velocity'] == 0.0)
