@@ -103,7 +103,9 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
         if v * direction > 0.0:
             return x, v
         # Here the motion stops within the sample; only a decelerated one can.
-        stop = -math.log1p(rate * velocity / acceleration) / rate
+        # The ratio rounds to -1 or below when the motion decays towards zero without a stop.
+        ratio = rate * velocity / acceleration
+        stop = duration if ratio <= -1.0 else -math.log1p(ratio) / rate
         stop = min(max(stop, 0.0), duration)
         position, _ = moved(position, velocity, acceleration, rate, stop)
         duration -= stop

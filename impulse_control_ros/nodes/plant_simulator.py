@@ -243,6 +243,7 @@ class PlantSimulator(ParameterNode):
                 self.get_logger().info(f'waiting for {" and ".join(waiting)}')
             return 0.02
         self._began = now
+        self._state = self.parameters.start()
         self._pace.restart(0)
         self._publish_sample(self._layout)
         return 0.0

@@ -2,6 +2,7 @@
 
 from hypothesis import assume, given, settings, strategies as st
 from mpmath import exp, expm1, findroot, log, mp, mpf
+import numpy as np
 import pytest
 
 from impulse_control_ros.core.axis import axis_step, shapes
@@ -92,6 +93,14 @@ def test_the_stop_is_found_inside_the_sample():
     before, _ = axis_step(0.0, v, 0.0, d, m, friction, float(stop))
     assert axis_step(0.0, v, 0.0, d, m, friction, STEP) == (
         pytest.approx(before, rel=1e-9, abs=0.0), 0.0)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.floats(-3.0, 3.0), st.sampled_from([0.0, 1.0]), st.floats(1e-2, 50.0),
+       st.floats(1e-2, 1.0), st.sampled_from([1e-4, 1e-2, 1.0]))
+def test_a_motion_that_decays_without_a_stop_stays_finite(v, friction, d, m, duration):
+    effort = friction if v > 0.0 else -friction
+    assert np.isfinite(axis_step(0.0, v, effort, d, m, friction, duration)).all()
 
 
 @pytest.mark.parametrize('z', [0.0, 1e-12, 1e-5, 9.999e-3, 1.0001e-2, 0.5, 40.0])
