@@ -17,7 +17,6 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.axis import plant_step
 from impulse_control_ros.core.kernel import machine_code
@@ -29,6 +28,7 @@ from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
+from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     CLOCK,
@@ -67,7 +67,7 @@ class PlantSimulator(ParameterNode):
         self._message = b''
         self._awaiting = False
         self._effort = 0.0
-        self._paused = False
+        self.paused = False
         self._steps_left = 0
         self._reset_wanted = False
         self._asked_at = monotonic()
@@ -87,9 +87,7 @@ class PlantSimulator(ParameterNode):
         self._damping = self.create_publisher(Float64, DAMPING, SLOW_QOS)
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Trigger, '~/step', self._on_step)
+        SimulationControl(self)
         Diagnostics(self, self._report)
         self._reported = (monotonic(), 0)
         self._began = 0.0
@@ -198,7 +196,7 @@ class PlantSimulator(ParameterNode):
 
     def _may_step(self) -> bool:
         """Ask pause and pace, and account for the step when both agree."""
-        if self._paused and not self._steps_left:
+        if self.paused and not self._steps_left:
             return False
         if self._pace.wall_step and not self._steps_left:
             now = monotonic()
@@ -222,7 +220,7 @@ class PlantSimulator(ParameterNode):
             return 0.0
         if self._lockstep and now >= self._asked_at + self._patience():
             self._ask_again(now)
-        if self._pace.wall_step and not (self._awaiting or self._paused):
+        if self._pace.wall_step and not (self._awaiting or self.paused):
             return min(max(self._pace.due(self.tick) - monotonic(), 0.0), IDLE)
         return min(self._patience(), IDLE)
 
@@ -254,7 +252,7 @@ class PlantSimulator(ParameterNode):
         if self._awaiting:
             self._counts['late'] += 1
             self.get_logger().warning(
-                f'no command for the state at {self._seconds()} s: published again',
+                f'no command for the state at {self.seconds()} s: published again',
                 throttle_duration_sec=5.0)
             self._recorders.shake_hands()
         elif self._recorders:
@@ -270,44 +268,38 @@ class PlantSimulator(ParameterNode):
             {'steps': self.tick} | self._counts | {'missed deadlines': self._pace.missed}
         ).items())
         self.get_logger().info(
-            f'the run is over at {self._seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
+            f'the run is over at {self.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
             f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
 
     # -- services and reports ---------------------------------------------------------------
 
-    def _seconds(self) -> str:
-        return f'{self._stamp[0]}.{self._stamp[1]:09d}'
+    def seconds(self, ahead: int = 0) -> str:
+        """Return the stamp of the state ``ahead`` samples from the present one, in seconds."""
+        sec, nanosec = stamp(self.tick + ahead, self._start_ns, self._step_ns)
+        return f'{sec}.{nanosec:09d}'
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = 0 <= self.tick < self._last_tick
-        self._reset_wanted = response.success
-        sec, nanosec = stamp(self.tick + 1, self._start_ns, self._step_ns)
-        response.message = (
-            f'the state at {sec}.{nanosec:09d} s is x_0 = {self.parameters.x_0:g} m, '
-            f'v_0 = {self.parameters.v_0:g} m/s' if response.success else 'there is no run')
-        return response
+    def reset(self) -> bool:
+        """Let the next state be the start; False where there is no next state."""
+        self._reset_wanted = 0 <= self.tick < self._last_tick
+        return self._reset_wanted
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused, self._steps_left = request.data, 0
+    def pause(self, paused: bool) -> None:
+        """Hold the next sample, or go on."""
+        self.paused, self._steps_left = paused, 0
         self._pace.restart(self.tick)
-        response.success = True
-        response.message = f'{"paused" if request.data else "running"} at {self._seconds()} s'
-        return response
 
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._paused
-        if self._paused:
-            self._steps_left += self.parameters.step_ticks
-        response.message = (f'{self._steps_left} samples from {self._seconds()} s'
-                            if self._paused else 'refused: pause first')
-        return response
+    def step(self, samples: int) -> bool:
+        """Make so many samples more while paused; False where it is not."""
+        if self.paused:
+            self._steps_left += samples
+        return self.paused
 
     def _report(self) -> tuple[bytes, str, dict[str, object]]:
         (since, tick), now = self._reported, monotonic()
         self._reported = (now, self.tick)
         rate = (self.tick - tick) / (now - since)
         held = [name for name, holds in (
-            ('a command', self._awaiting), ('resume', self._paused),
+            ('a command', self._awaiting), ('resume', self.paused),
             ('a recorder', self.tick >= self._recorders.limit)) if holds]
         message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
         return DiagnosticStatus.OK if rate else DiagnosticStatus.WARN, message, {
