@@ -34,10 +34,19 @@ from impulse_control_ros.core.damping import Damping, damping_at
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
+DIVERGED = 1e100
 AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
 STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
                   ('damping', 'f8'), ('noise', 'f8')])
+
+
+class DivergedError(ArithmeticError):
+    """A state that reaches DIVERGED [m, m/s]; far below overflow, so commands are finite."""
+
+    def __init__(self, position: float, velocity: float, seconds: str) -> None:
+        super().__init__(f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
+                         f'velocity = {velocity:.3g} m/s; allowed is < {DIVERGED:g}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +54,7 @@ class Axis(Parameters):
     """The axis and its start (Table I, section IV)."""
 
     m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
-    F_c: float = parameter(0.0, 'N', 'Coulomb friction force', lower=0.0)
+    F_c: float = parameter(1.0, 'N', 'Coulomb friction force', lower=0.0)
     x_0: float = parameter(0.5, 'm', 'position at the start and after a reset')
     v_0: float = parameter(0.0, 'm/s', 'velocity at the start and after a reset')
     time_step: float = parameter(

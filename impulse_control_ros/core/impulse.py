@@ -24,7 +24,7 @@ The guards see samples only, and compare signs, never products (products underfl
 
 A sample that meets both guards acts as a position zero. An impulse of area J leaves as an
 effort of J / dt for one sample; under an effort limit what does not fit waits, and velocity
-guards rest until it has left. After a position zero no impulse starts for hold_off samples.
+guards rest until it has left, or until impulses are switched off. After a position zero no impulse starts for hold_off samples.
 """
 
 from dataclasses import dataclass
@@ -146,6 +146,8 @@ def answer_sample(memory, gains, position, velocity, answer):
         memory.hold -= 1
     elif gains.impulses:
         guard = guard_of(memory, gains, position, direction)
+    if not gains.impulses:
+        memory.pending = 0.0
     answer.guard = guard
     answer.area = 0.0
     if guard != NO_IMPULSE:

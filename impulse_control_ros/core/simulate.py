@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, step_state
+from impulse_control_ros.core.axis import Axis, DIVERGED, DivergedError, step_state
 from impulse_control_ros.core.impulse import ANSWER, answer_sample, Controller, fresh_memory
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import ticks
@@ -60,7 +60,7 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     Run the closed loop for ``duration`` seconds from the axis' start.
 
     Raises `ParameterError` when the two disagree about the time step or the duration is not
-    positive.
+    positive, and `DivergedError` when the motion leaves all bounds.
     """
     if axis.time_step != controller.time_step:
         raise refusal('time_step', controller.time_step,
@@ -75,6 +75,11 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     events = np.zeros(steps + 1, EVENT)
     count = closed_loop(plant, damping, state, controller.packed(), fresh_memory(), states,
                         efforts, events)
+    size = np.maximum(np.abs(states['position']), np.abs(states['velocity']))
+    if not size.max() < DIVERGED:
+        first = states[np.flatnonzero(~(size < DIVERGED))[0]]
+        raise DivergedError(first['position'], first['velocity'],
+                            f'{first["tick"] * axis.time_step:g}')
     return Run(
         time=np.arange(steps + 1) * axis.time_step, position=states['position'].copy(),
         velocity=states['velocity'].copy(), effort=efforts,

@@ -4,7 +4,7 @@ An experiment: the parameters of the three nodes, and the plain ROS parameter fi
 The classes below are the one source of the nodes' parameters; the nodes declare them from here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 import re
@@ -25,6 +25,9 @@ from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 
+LAST_SECOND = float(2**31 - 1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(Axis):
     """Parameters of the node ``plant_simulator``: the axis, and how it is run."""
@@ -33,8 +36,8 @@ class PlantParameters(Axis):
     duration: float = parameter(
         0.0, 's', 'simulated time after which the run ends; 0 for no end', lower=0.0)
     start_time: float = parameter(
-        1.0, 's', 'stamp of the first state; ROS reads 0 as no time', lower=1e-9, upper=4e9,
-        read_only=True)
+        1.0, 's', 'stamp of the first state; ROS reads 0 as no time', lower=1e-9,
+        upper=LAST_SECOND, read_only=True)
     lockstep: bool = parameter(
         True, '', 'wait for the command of each state; false runs freely on the wall clock',
         read_only=True)
@@ -54,9 +57,13 @@ class PlantParameters(Axis):
         False, '', 'whether the first state waits for a recorder', read_only=True)
 
     def check(self) -> None:
-        """Stamps are whole nanoseconds; free running needs a pace."""
+        """Stamps are whole nanoseconds within ROS' range; free running needs a pace."""
         super().check()
         nanoseconds(self.start_time, 'start_time')
+        if self.start_time + self.duration > LAST_SECOND:
+            raise refusal('duration', self.duration,
+                          f'<= {LAST_SECOND:g} - start_time = {LAST_SECOND - self.start_time:g},'
+                          ' for stamps to fit 32 bits [s]')
         if not self.lockstep and self.real_time_factor == 0.0:
             raise refusal('real_time_factor', self.real_time_factor,
                           '> 0 when lockstep is false')
@@ -83,6 +90,9 @@ class RecorderParameters(Parameters):
         'zstd', '', 'compression of the chunks', choices=tuple(COMPRESSIONS), read_only=True)
 
 
+# rclpy's own parameters, which any node has
+FOREIGN = ('use_sim_time', 'start_type_description_service')
+FOREIGN_PREFIX = 'qos_overrides.'
 NODES: dict[str, type[Parameters]] = {
     'plant_simulator': PlantParameters, 'controller': ControllerParameters,
     'recorder': RecorderParameters}
@@ -95,6 +105,17 @@ class Experiment:
     plant_simulator: PlantParameters
     controller: ControllerParameters
     recorder: RecorderParameters
+
+
+def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, Any]) -> None:
+    """
+    Raise `ParameterError` when a controller's ``gains`` are not for the ``axis`` of ``plant``.
+
+    Both are values by name; what a plant that is none of ours does not tell is not compared.
+    """
+    for name, unit in (('time_step', ' [s]'), ('joint_name', '')):
+        if axis.get(name, gains[name]) != gains[name]:
+            raise refusal(name, gains[name], f'that of {plant}, {axis[name]}{unit}')
 
 
 class _Loader(yaml.SafeLoader):
@@ -117,28 +138,67 @@ def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
+def is_foreign(name: str) -> bool:
+    """Tell whether a parameter belongs to rclpy itself."""
+    return name in FOREIGN or name.startswith(FOREIGN_PREFIX)
+
+
+def sections(path: str | Path) -> Mapping[str, Any]:
+    """
+    Return the sections of a ROS parameter file by the name of the node, as it is written.
+
+    Raises `ParameterError` when the file cannot be read or is no mapping.
+    """
+    try:
+        content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
+    if not isinstance(content, Mapping):
+        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(NODES)}')
+    return dict(_nested_sections(content))
+
+
+def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield (name, section); a mapping of mappings without parameters is a namespace."""
+    for key, section in content.items():
+        name = f'{prefix}{key}'
+        if isinstance(section, Mapping) and 'ros__parameters' not in section and any(
+                isinstance(value, Mapping) for value in section.values()):
+            yield from _nested_sections(section, f'{name}/')
+        else:
+            yield name, section
+
+
 def read_experiment(path: str | Path) -> Experiment:
     """
-    Read a ROS parameter file for the three nodes by their default names.
+    Read a ROS parameter file for the three nodes by their default names, in any namespace.
 
     Raises `ParameterError` when the file cannot be read, names an unknown node or parameter, or
     holds a wrong value; the message names the file, the node, the parameter and its value.
     """
-    try:
-        content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
-    except (OSError, yaml.YAMLError) as error:
-        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
-    if not isinstance(content, Mapping):
-        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(NODES)}')
-    sets: dict[str, Any] = {}
-    for name, section in content.items():
-        node = str(name).rsplit('/', 1)[-1]  # whatever its namespace
-        if node not in NODES:
+    values: dict[str, dict[str, Any]] = {node: {} for node in NODES}
+    for name, section in sections(path).items():
+        last = name.rsplit('/', 1)[-1]
+        meant = list(NODES) if last in ('*', '**') else [last]
+        if not set(meant) <= set(NODES):
             raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')
         try:
-            sets[node] = build(NODES[node], flattened(section['ros__parameters']))
-        except (KeyError, TypeError):
+            given = flattened(section['ros__parameters'])
+        except (KeyError, TypeError, AttributeError):
             raise ParameterError(f'{path}: {name} has no ros__parameters') from None
-        except ParameterError as error:
-            raise ParameterError(f'{path}: {name}: {error}') from None
-    return Experiment(**{name: sets.get(name, kind()) for name, kind in NODES.items()})
+        for node in meant:
+            values[node] |= {key: value for key, value in given.items() if not is_foreign(key)}
+    experiment = Experiment(**{node: _built(path, node, values[node]) for node in NODES})
+    try:
+        require_agreement('plant_simulator', experiment.plant_simulator.flat(),
+                          experiment.controller.flat())
+    except ParameterError as error:
+        raise ParameterError(f'{path}: controller: {error}') from None
+    return experiment
+
+
+def _built(path: str | Path, node: str, values: Mapping[str, Any]) -> Any:
+    try:
+        return build(NODES[node], values)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {node}: {error}') from None

@@ -154,6 +154,13 @@ def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limi
             given_answers['area'].sum(), abs=1e-9)
 
 
+def test_impulses_switched_off_leave_nothing_of_one_that_waits():
+    limited = Controller(effort_limit=20.0)
+    off = Controller(effort_limit=20.0, impulses=False)
+    given_answers = answers([(0.5, 0.0, limited), (0.5, 0.0, off), (0.5, -1.0, limited)])
+    assert list(given_answers['effort'][1:]) == [pd(0.5, 0.0), pd(0.5, -1.0)]
+
+
 def test_while_an_impulse_waits_the_velocity_guards_rest():
     given_answers = answers([(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)],
                             Controller(effort_limit=20.0))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.axis import Axis, DivergedError
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.impulse import Controller, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import first_position_zero, overshoot, settling_time
@@ -22,14 +22,14 @@ def peaks(position):
 
 
 def test_fig_1_damping_at_its_upper_bound_does_not_overshoot():
-    run = simulate(Axis(damping=Damping(value=1.5)), PD, 3.0)
+    run = simulate(Axis(F_c=0.0, damping=Damping(value=1.5)), PD, 3.0)
     assert overshoot(run.position) == 0.0
     critical = 0.5 * (1 + 10 * run.time) * np.exp(-10 * run.time)
     assert np.abs(run.position - critical).max() < 6e-4  # zero-order hold of PD: one sample late
 
 
 def test_fig_1_damping_at_its_lower_bound_oscillates():
-    run = simulate(Axis(), PD, 3.0)
+    run = simulate(Axis(F_c=0.0), PD, 3.0)
     assert len([peak for peak in peaks(run.position) if peak > 0.01 * 0.5]) >= 4
     assert overshoot(run.position) == pytest.approx(0.170, abs=1e-3)
 
@@ -37,7 +37,7 @@ def test_fig_1_damping_at_its_lower_bound_oscillates():
 @pytest.mark.parametrize('damping', [Damping(), Damping(kind='noise'), Damping(kind='sinusoidal')],
                          ids=lambda damping: damping.kind)
 def test_figs_2_and_4_the_origin_is_reached_within_5_ms_of_the_first_zero(damping):
-    run = simulate(Axis(damping=damping), Controller(), 2.0)
+    run = simulate(Axis(F_c=0.0, damping=damping), Controller(), 2.0)
     zero = run.time[first_position_zero(run.position)]
     assert settling_time(run.time, run.position, 1e-3) < zero + 5e-3
     late = run.time > zero + 5e-3
@@ -48,7 +48,7 @@ def test_figs_2_and_4_the_origin_is_reached_within_5_ms_of_the_first_zero(dampin
 def test_fig_2_the_first_zero_converges_at_first_order_to_that_of_the_exact_flow():
     errors = []
     for step in (1e-3, 1e-4, 1e-5):
-        run = simulate(Axis(time_step=step), Controller(time_step=step), 0.2)
+        run = simulate(Axis(F_c=0.0, time_step=step), Controller(time_step=step), 0.2)
         at = first_position_zero(run.position)
         x, v = run.position[at - 1], run.velocity[at - 1]
         errors.append(abs(run.time[at - 1] + x / abs(v) - FIRST_ZERO))
@@ -58,7 +58,7 @@ def test_fig_2_the_first_zero_converges_at_first_order_to_that_of_the_exact_flow
 
 
 def test_with_hold_off_the_axis_bounces():
-    run = simulate(Axis(), Controller(hold_off=10), 1.0)
+    run = simulate(Axis(F_c=0.0), Controller(hold_off=10), 1.0)
     after = run.position[first_position_zero(run.position):]
     assert after.max() == pytest.approx(0.0456, abs=3e-4)
     guards = run.events['guard']
@@ -88,7 +88,7 @@ def test_the_first_half_of_a_run_is_the_run_of_half_the_duration():
 
 
 def test_the_arrays_have_the_documented_shapes():
-    run = simulate(Axis(), Controller(), 0.01)
+    run = simulate(Axis(F_c=0.0), Controller(), 0.01)
     assert [run.time.shape, run.position.shape, run.velocity.shape, run.effort.shape,
             run.damping.shape] == [(101,)] * 4 + [(100,)]
     assert run.time[-1] == pytest.approx(0.01)
@@ -98,6 +98,11 @@ def test_the_arrays_have_the_documented_shapes():
 def test_a_controller_with_another_time_step_is_refused():
     with pytest.raises(ParameterError, match='time_step = 0.001'):
         simulate(Axis(), Controller(time_step=1e-3), 1.0)
+
+
+def test_a_loop_that_diverges_says_when_and_returns_nothing():
+    with pytest.raises(DivergedError, match=r'at 0\.\d+ s position = .* allowed is < 1e\+100'):
+        simulate(Axis(), Controller(K=1e9, impulses=False), 1.0)
 
 
 @pytest.mark.parametrize('duration', [0.0, -1.0])

@@ -15,7 +15,7 @@ def test_every_experiment_is_complete_and_has_nothing_else(path):
     read_experiment(path)
     content = yaml.safe_load(path.read_text())
     for node, kind in NODES.items():
-        given = set(flattened(content[node]['ros__parameters']))
+        given = set(flattened(content[f'/**/{node}']['ros__parameters']))
         # a run names its own bag
         assert given == {name for name, _, _ in declared(kind)} - {'bag'}
 
@@ -51,6 +51,36 @@ def test_a_node_is_known_in_any_namespace(tmp_path):
     path = tmp_path / 'namespaced.yaml'
     path.write_text('/arm/controller:\n  ros__parameters:\n    K: 3.0\n')
     assert read_experiment(path).controller.K == 3.0
+
+
+@pytest.mark.parametrize('text', [
+    '/**:\n  ros__parameters: {use_sim_time: false}\n',
+    'arm:\n  controller:\n    ros__parameters: {K: 3.0}\n',
+    'controller:\n  ros__parameters:\n    qos_overrides: {/joint_states: {depth: 5}}\n',
+])
+def test_what_ros_takes_is_taken(tmp_path, text):
+    path = tmp_path / 'legal.yaml'
+    path.write_text(text)
+    assert read_experiment(path).controller.K == (3.0 if 'K: 3.0' in text else 10.0)
+
+
+@pytest.mark.parametrize(('name', 'value'), [('time_step', 0.001), ('joint_name', 'elbow')])
+def test_a_controller_for_another_plant_is_refused(tmp_path, name, value):
+    path = tmp_path / 'two.yaml'
+    path.write_text(f'controller:\n  ros__parameters:\n    {name}: {value}\n')
+    with pytest.raises(ParameterError, match=f'controller: {name} = .* that of plant_simulator'):
+        read_experiment(path)
+
+
+@pytest.mark.parametrize(('values', 'said'), [
+    ('start_time: 3.0e9', 'start_time = 3000000000.0'),
+    ('start_time: 2.0e9, duration: 2.0e8', 'duration = 200000000.0'),
+])
+def test_stamps_that_ros_cannot_hold_are_refused(tmp_path, values, said):
+    path = tmp_path / 'late.yaml'
+    path.write_text(f'plant_simulator:\n  ros__parameters: {{{values}}}\n')
+    with pytest.raises(ParameterError, match=said):
+        read_experiment(path)
 
 
 def test_a_missing_file_is_named(tmp_path):
