@@ -24,7 +24,8 @@ The guards see samples only, and compare signs, never products (products underfl
 
 A sample that meets both guards acts as a position zero. An impulse of area J leaves as an
 effort of J / dt for one sample; under an effort limit what does not fit waits, and velocity
-guards rest until it has left, or until impulses are switched off. After a position zero no impulse starts for hold_off samples.
+guards rest until it has left, or until impulses are switched off. After a position zero no
+impulse starts for hold_off samples.
 """
 
 from dataclasses import dataclass

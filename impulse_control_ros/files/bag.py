@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
+import os
 from pathlib import Path
 import struct
 from typing import Any, IO
@@ -24,11 +25,15 @@ from zstandard import ZstdError
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
 from impulse_control_ros.files.definition import message_definition, type_hash
 from impulse_control_ros.files.mcap_file import McapFile
 
 ROS_DISTRO = 'jazzy'
+# name of the metadata record of a node's parameters, before the node's; ':STAMP' follows where
+# the node came anew in mid-run
+PARAMETERS = 'parameters:'
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8')])
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
 IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
@@ -71,12 +76,8 @@ class BagWriter:
 
     def __init__(self, folder: str | Path, compression: str = 'none') -> None:
         self.folder = Path(folder)
-        refuse_existing(self.folder)
-        try:
-            self.folder.mkdir(parents=True)
-        except OSError as error:
-            raise BagError(f'bag {str(folder)!r} cannot be made: {error.strerror}') from None
-        self._path = self.folder / f'{self.folder.name}_0.mcap'
+        make(self.folder)
+        self._path = storage_path(self.folder)
         self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
         self._topics: list[Topic] = []
         self._schemas: dict[str, int] = {}
@@ -136,10 +137,37 @@ class BagWriter:
             'custom_data': {'impulse_control_ros': __version__}, 'ros_distro': ROS_DISTRO}
 
 
-def refuse_existing(folder: Path) -> None:
-    """Raise `BagError` when ``folder`` exists: nothing recorded is overwritten."""
-    if folder.exists():
-        raise BagError(f'bag {str(folder)!r} exists; name a new folder')
+def require_writable(folder: Path) -> None:
+    """
+    Raise `BagError` when ``folder`` exists or cannot be made: nothing recorded is overwritten.
+
+    The folder is made for a moment, the only proof that it can be.
+    """
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    try:
+        make(folder)
+        with naming(folder):
+            storage_path(folder).touch()
+            storage_path(folder).unlink()
+    finally:
+        for path in filter(os.path.isdir, missing):
+            path.rmdir()
+
+
+def storage_path(folder: Path) -> Path:
+    """Return the path of the MCAP file in a bag of ours."""
+    return folder / f'{folder.name}_0.mcap'
+
+
+def make(folder: Path) -> None:
+    """Make ``folder``, or raise `BagError`."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError(f'bag {str(folder)!r} exists; name a new folder') from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise BagError(f'bag {str(folder)!r} cannot be made: {reason}') from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,15 +176,17 @@ class Recording:
     What a bag holds of one joint.
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
-    stamps in ns, the rest in SI units; ``parameters`` by node name and parameter name;
-    ``receipt`` is what the recorder says at the end (messages, missing, repeated, wall_seconds),
-    empty for a bag that was cut off.
+    stamps in ns, the rest in SI units; ``parameters`` by node name and parameter name, and
+    ``restarts`` (stamp, node, parameters) of nodes that came anew with others; ``receipt`` is
+    what the recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty
+    for a bag that was cut off. States of other joints, or out of their time, are left out.
     """
 
     states: np.ndarray
     commands: np.ndarray
     impulses: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
+    restarts: list[tuple[int, str, Mapping[str, Any]]]
     receipt: Mapping[str, str]
 
 
@@ -223,15 +253,19 @@ def read(bag: str | Path) -> Recording:
     path = storage_file(bag)
     rows: dict[str, list[Any]] = {'joint_states': [], 'joint_commands': [], 'impulse_events': []}
     parameters: dict[str, dict[str, Any]] = {}
+    restarts: list[tuple[int, str, Mapping[str, Any]]] = []
     receipt: dict[str, str] = {}
     topics: set[str] = set()
     layouts: dict[str, list[JointStateLayout]] | None = None
     for item in records(path):
         if isinstance(item, Metadata):
-            if item.name.startswith('parameters:'):
-                name = item.name.removeprefix('parameters:')
-                parameters[name] = {key: json.loads(value)
-                                    for key, value in item.metadata.items()}
+            if item.name.startswith(PARAMETERS):
+                name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
+                values = {key: json.loads(value) for key, value in item.metadata.items()}
+                if stamp:
+                    restarts.append((int(stamp), name, values))
+                else:
+                    parameters[name] = values
             elif item.name == 'recording':
                 receipt = item.metadata
             continue
@@ -242,30 +276,40 @@ def read(bag: str | Path) -> Recording:
             continue
         if layouts is None:
             layouts = layouts_of(parameters)
-        rows[kind].append((message.publish_time, *decoded(layouts[kind], message.data, path)))
+        row = decoded(layouts[kind], message)
+        if row:
+            rows[kind].append(row)
     if topics and not rows['joint_states']:
-        raise BagError(f'{path}: no joint_states among its topics {", ".join(sorted(topics))}')
+        joint = layouts['joint_states'][0].joint if layouts else 'axis'
+        raise BagError(f'{path}: no joint_states of joint {joint!r} among its topics '
+                       f'{", ".join(sorted(topics))}')
     return Recording(
         states=np.array(rows['joint_states'], SAMPLE),
         commands=np.array(rows['joint_commands'], COMMAND),
         impulses=np.array(rows['impulse_events'], IMPULSE),
-        parameters=parameters, receipt=receipt)
+        parameters=parameters, restarts=restarts, receipt=receipt)
 
 
 def layouts_of(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, list[JointStateLayout]]:
     """Return the layouts that each topic's messages may have."""
     joint = next((values['joint_name'] for values in parameters.values()
                   if 'joint_name' in values), 'axis')
-    return {'joint_states': [JointStateLayout(joint, mark) for mark in ('', 'reset')],
+    return {'joint_states': [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)],
             'joint_commands': [JointStateLayout(joint, '', ('effort',))],
             'impulse_events': [JointStateLayout(joint, guard) for guard in GUARDS]}
 
 
-def decoded(layouts: list[JointStateLayout], data: bytes, path: Path) -> tuple[Any, ...]:
-    """Return the values of a message, with the guard's number first where there is a choice."""
+def decoded(layouts: list[JointStateLayout], message: Message) -> tuple[Any, ...] | None:
+    """
+    Return (stamp, values), with the guard's number first where there is a choice.
+
+    None stands for a message of another joint, or one whose place is not that of its stamp.
+    """
     for number, layout in enumerate(layouts):
-        values = layout.decode(data)
+        values = layout.decode(message.data)
         if values is not None:
-            return ((number, *values[2:]) if len(layouts) == len(GUARDS) else values[2:])
-    raise BagError(f'{path}: a JointState of {len(data)} bytes is not one of joint '
-                   f'{layouts[0].joint!r}')
+            if values[0] * SECOND + values[1] != message.publish_time:
+                return None
+            guard = (number,) if len(layouts) == len(GUARDS) else ()
+            return (message.publish_time, *guard, *values[2:])
+    return None

@@ -14,6 +14,8 @@ from typing import Any
 
 FIELDS = ('position', 'velocity', 'effort')
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
+# frame_id of the first state of a run, and of the first after a reset
+RESET_MARK = 'reset'
 
 
 class JointStateLayout:
@@ -50,9 +52,8 @@ class JointStateLayout:
         self._put(struct.pack('<I', count), constant=True)
 
     def _put_string(self, text: str) -> None:
-        data = text.encode() + b'\x00'
-        self._put_count(len(data))
-        self._put(data, constant=True)
+        self._align(4)
+        self._put(string(text), constant=True)
 
     def _put_variable(self, code: str) -> None:
         """Leave room for one value, and pack what came before it as a constant."""
@@ -92,6 +93,12 @@ class JointStateLayout:
                 int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):
             return None
         return self._read.unpack_from(raw)
+
+
+def string(text: str) -> bytes:
+    """Return a string as it stands in CDR: its length, its bytes, a zero."""
+    data = text.encode() + b'\x00'
+    return struct.pack('<I', len(data)) + data
 
 
 def encode_time(sec: int, nanosec: int) -> bytes:

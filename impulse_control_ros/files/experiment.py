@@ -24,7 +24,8 @@ from impulse_control_ros.core.parameter import (
 from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
-
+# stamps have 32 bits of seconds, with a sign
+# stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
 
 

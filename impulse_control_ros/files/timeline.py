@@ -7,60 +7,117 @@ events carry their stamp at the front of their CDR; whatever else gets the stamp
 state. A message with the same bytes as the one before it on its topic is a repeat and dropped.
 A message that comes too late for its place, or whose stamp is more than a second ahead of the
 states, takes the nearest place that is left.
+
+Another run begins with a state that is marked as a start and does not follow the one before, or
+that goes back in time and is borne out: by the state one step after it, or by coming again. A
+state of another joint, or one that is not borne out, is foreign: kept, but not of the series.
 """
 
 from collections.abc import Sequence
+from enum import auto, Enum
 from operator import itemgetter
 import struct
 
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR
+from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR, RESET_MARK, string
 
-STATES, EVENTS, COMMANDS = range(3)
+FOREIGN, STATES, EVENTS, COMMANDS = range(-1, 3)
 Entry = tuple[int, int, bytes]
 _STAMP = struct.Struct('<4sII')
+_MARK = string(RESET_MARK)
+_MARK_AT = slice(_STAMP.size, _STAMP.size + len(_MARK))
+
+
+class Verdict(Enum):
+    """What a state is whose stamp does not follow the one before."""
+
+    SERIES = auto()
+    FOREIGN = auto()
+    ANOTHER_RUN = auto()
+    OPEN = auto()
 
 
 class Timeline:
     """
-    The order of one run; ``step_ns`` is its sampling period.
+    The order of one run of ``joint`` ('' for any); ``step_ns`` is its sampling period.
 
     ``missing`` counts samples without their state, and states without their command, behind the
-    first answered state; ``repeated`` the dropped messages; ``reached`` is the stamp [ns] of the
-    last state whose command is there too, 0 before.
+    first answered state; ``repeated`` the dropped messages; ``foreign`` the states that are not
+    of the series; ``taken`` the states that have been taken; ``newest`` is the stamp [ns] of the
+    newest state, ``reached`` of the last one whose command is there too, 0 before. ``over``
+    tells that the next state is the first of another run.
     """
 
-    def __init__(self, step_ns: int) -> None:
-        self.missing = self.repeated = self.reached = 0
-        self._step_ns = step_ns
+    def __init__(self, step_ns: int, joint: str = '') -> None:
+        self.missing = self.repeated = self.foreign = self.taken = 0
+        self.newest = self.reached = 0
+        self.over = False
+        self.step_ns = step_ns
+        self._joint = string(joint) if joint else b''
         self._waiting: list[Entry] = []
-        self._newest = 0
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
         self._last_state = 0
         self._answered = self._met = False
 
-    def add(self, index: int, messages: Sequence[bytes]) -> int:
+    def add(self, index: int, messages: Sequence[bytes], everything: bool = False) -> int:
         """
         Add messages of a topic; returns how many were taken.
 
-        Fewer than all are taken when a state goes back in time: the rest is of another run.
+        Fewer than all are taken when the next one is of another run (``over``), or may be, which
+        the state after it will show; with ``everything`` no state comes after.
         """
+        if index == STATES:
+            return self._add_states(messages, everything)
         if index not in self._before:
-            self._waiting += [(self._newest, index, raw) for raw in messages]
+            self._waiting += [(self.newest, index, raw) for raw in messages]
             return len(messages)
-        before = self._before[index]
-        for number, raw in enumerate(messages):
-            if raw == before:
+        latest = self.newest + SECOND if self.newest else 2**63
+        for raw in messages:
+            if raw == self._before[index]:
                 self.repeated += 1
                 continue
-            stamp = self._stamp(raw)
-            if index == STATES:
-                if stamp <= self._newest:
-                    return number
-                self._newest = stamp
-            self._before[index] = before = raw
+            self._before[index] = raw
+            stamp = min(stamp_of(raw) or self.newest, latest)
             self._waiting.append((stamp, index, raw))
         return len(messages)
+
+    def _add_states(self, messages: Sequence[bytes], everything: bool) -> int:
+        for number, raw in enumerate(messages):
+            if raw == self._before[STATES]:
+                self.repeated += 1
+                continue
+            stamp, verdict = stamp_of(raw), Verdict.SERIES
+            if stamp != self.newest + self.step_ns or self._joint not in raw:
+                verdict = self._verdict(stamp, raw, messages[number + 1:], everything)
+            if verdict is Verdict.SERIES:
+                self._before[STATES], self.newest = raw, stamp
+                self._waiting.append((stamp, STATES, raw))
+            elif verdict is Verdict.FOREIGN:
+                self.foreign += 1
+                self._waiting.append((self.newest, FOREIGN, raw))
+            else:
+                self.over = verdict is Verdict.ANOTHER_RUN
+                return number
+        return len(messages)
+
+    def _verdict(self, stamp: int, raw: bytes, after: Sequence[bytes], everything: bool
+                 ) -> Verdict:
+        if not stamp or self._joint not in raw:
+            return Verdict.FOREIGN
+        if not self.newest:
+            return Verdict.SERIES
+        back = stamp <= self.newest
+        if raw[_MARK_AT] == _MARK:
+            return Verdict.ANOTHER_RUN
+        if not back and stamp <= self.newest + SECOND:
+            return Verdict.SERIES
+        for other in after:
+            if self._joint in other:
+                borne_out = other == raw or self.newest != stamp == (
+                    stamp_of(other) - self.step_ns)
+                return (Verdict.FOREIGN if not borne_out
+                        else Verdict.ANOTHER_RUN if back else Verdict.SERIES)
+        return Verdict.FOREIGN if everything else Verdict.OPEN
 
     def take(self, everything: bool = False) -> list[Entry]:
         """Return in order what is in its place for good: up to `reached`, or ``everything``."""
@@ -75,21 +132,25 @@ class Timeline:
             ready = len(self._waiting)
         taken, self._waiting = self._waiting[:ready], self._waiting[ready:]
         self._count_missing(taken)
+        if self.foreign:
+            taken = [(stamp, max(index, STATES), raw) for stamp, index, raw in taken]
         return taken
 
     def _count_missing(self, entries: Sequence[Entry]) -> None:
         for stamp, index, _ in entries:
             if index == STATES:
+                self.taken += 1
                 if self._last_state:
-                    self.missing += (stamp - self._last_state) // self._step_ns - 1
+                    self.missing += max(0, (stamp - self._last_state) // self.step_ns - 1)
                 self.missing += self._met and not self._answered
                 self._answered, self._last_state = False, stamp
             elif index == COMMANDS and stamp == self._last_state:
                 self._answered = self._met = True
 
-    def _stamp(self, raw: bytes) -> int:
-        if len(raw) < _STAMP.size or raw[:4] != LITTLE_ENDIAN_CDR:
-            return self._newest
-        _, sec, nanosec = _STAMP.unpack_from(raw)
-        stamp = sec * SECOND + nanosec
-        return min(stamp, self._newest + SECOND) if self._newest else stamp
+
+def stamp_of(raw: bytes) -> int:
+    """Return the stamp [ns] at the front of a message; 0 for none."""
+    if len(raw) < _STAMP.size or raw[:4] != LITTLE_ENDIAN_CDR:
+        return 0
+    _, sec, nanosec = _STAMP.unpack_from(raw)
+    return int(sec * SECOND + nanosec)

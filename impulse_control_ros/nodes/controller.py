@@ -3,10 +3,12 @@ The controller node: joint_states in, joint_commands and impulse_events out.
 
 One command answers each state and carries its stamp; time is the state's, never a clock's. A
 state that comes again is answered again with the same bytes, and leaves the memory as it is. A
-state that goes back in time, or carries the reset mark, is a plant that started anew: the
-guard memory is cleared.
+state that goes back in time, or carries the mark of a start or a reset, clears the guard memory.
+The first state of a plant is held until the plant has told its parameters, if it has any: a
+controller for another time step or joint ends there.
 """
 
+from collections.abc import Mapping
 import math
 from typing import Any
 
@@ -14,51 +16,62 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.core.design import findings
 from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
-from impulse_control_ros.files.experiment import ControllerParameters
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.files.cdr import RESET_MARK
+from impulse_control_ros.files.experiment import ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.graph import publishers
+from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layout,
+    decode_any,
     event_layout,
     EVENT_QOS,
     IMPULSE_EVENTS,
     JOINT_COMMANDS,
     JOINT_STATES,
-    RESET_MARK,
     SERIES_QOS,
     SETPOINT,
     SLOW_QOS,
     state_layout,
+    UnreadableError,
 )
+
+NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
 
 class Controller(ParameterNode):
     """Answers every joint state with the effort of the control law."""
-
-    finished = False
 
     def __init__(self, **options: Any) -> None:
         super().__init__('controller', ControllerParameters, **options)
         joint, logger = self.parameters.joint_name, self.get_logger()
         self._state_layout = state_layout(joint, logger)
         self._command_layout = command_layout(joint, logger)
-        self._event_layouts = [event_layout(joint, logger, guard) for guard in GUARDS]
+        self._event_layouts = {number: event_layout(joint, logger, guard)
+                               for number, guard in enumerate(GUARDS) if guard}
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
         self._packed = self.parameters.packed()
         self._control = machine_code(
             control, fresh_memory(), self._packed, 0.0, 0.0, np.zeros(1, ANSWER))
         self._seen = b''
         self._sent: tuple[bytes, bytes] = (b'', b'')
-        self._stamp = (0, 0)
+        self._stamp = self._first = NEVER
+        self._answered_before = self._lost_before = 0
+        self._step_ns = nanoseconds(self.parameters.time_step, 'time_step')
+        self._plant: PeerParameters | None = None
+        self._plant_known = False
+        self._held = b''
+        self._findings: list[str] = []
         self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, EVENT_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
@@ -67,15 +80,58 @@ class Controller(ParameterNode):
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         self.states = self.create_subscription(
             JointState, JOINT_STATES, self.on_state, SERIES_QOS, raw=True)
-        Diagnostics(self, self._report)
+        Diagnostics(self, self._progress, self._report)
         self._warn()
 
-    def _start_afresh(self) -> None:
-        self._memory = fresh_memory()
-
     def _warn(self) -> None:
-        for finding in findings(self.parameters):
-            self.get_logger().warning(finding)
+        """Say what is unwise now, once."""
+        before, self._findings = self._findings, findings(self.parameters)
+        for finding in self._findings:
+            if finding not in before:
+                self.get_logger().warning(finding)
+
+    # -- the plant --------------------------------------------------------------------------
+
+    def trust(self, plant: str, axis: Mapping[str, Any]) -> None:
+        """Answer from now on the ``plant`` with these parameters, or raise `ParameterError`."""
+        require_agreement(plant, axis, self.parameters.flat())
+        self._plant_known = True
+
+    def _meet_plant(self) -> None:
+        """Ask the plant for its parameters; then answer the state that was held meanwhile."""
+        self._plant = self._plant or PeerParameters(self)
+        if not self._plant.poll(publishers(self, JOINT_STATES)):
+            return
+        try:
+            for plant, axis in self._plant.values.items():
+                self.trust(plant, axis)
+        except ParameterError as error:
+            self.fail(error)
+            return
+        self._plant_known, self._plant = True, None
+        self.on_state(self._held)
+
+    def _start_afresh(self, sec: int, nanosec: int) -> bool:
+        """Clear the guard memory; returns False for a plant that is to be met anew."""
+        self._memory = fresh_memory()
+        if self._stamp == NEVER:
+            self._first, self._answered_before = (sec, nanosec), self._counts['answered']
+        elif (sec - self._stamp[0]) * SECOND + nanosec - self._stamp[1] != self._step_ns:
+            self.get_logger().info(f'joint_states went from {self._stamp[0]}.{self._stamp[1]:09d} '
+                                   f's to {sec}.{nanosec:09d} s: started afresh')
+            self._lost_before = self._lost()
+            self._stamp, self._plant_known = NEVER, False
+        return self._plant_known
+
+    def _lost(self) -> int:
+        """Return the number of states that are missing between the first and the last."""
+        if self._stamp == NEVER:
+            return self._lost_before
+        span = (self._stamp[0] - self._first[0]) * SECOND + self._stamp[1] - self._first[1]
+        answered = self._counts['answered'] - self._answered_before
+        return self._lost_before + max(0, span // self._step_ns + 1 - answered)
+
+    # -- the sample -------------------------------------------------------------------------
 
     def parameters_changed(self) -> None:
         """Let the next sample be answered with the new gains."""
@@ -93,19 +149,34 @@ class Controller(ParameterNode):
         if raw == self._seen:
             self._repeat()
             return
-        values = self._state_layout.decode(raw) or self._decode_slowly(raw)
-        if values is None:
+        if not self._plant_known:
+            self._held = raw
             return
-        sec, nanosec, position, velocity, _ = values
+        values = self._state_layout.decode(raw)
+        if values is not None:
+            sec, nanosec, position, velocity, _ = values
+            mark = False
+        else:
+            try:
+                sec, nanosec, frame_id, position, velocity = decode_any(
+                    raw, self.parameters.joint_name, ('position', 'velocity'))
+            except UnreadableError as error:
+                self._reject(f'a state {error}')
+                return
+            mark = frame_id == RESET_MARK
         if not (math.isfinite(position) and math.isfinite(velocity)):
             self._reject(f'a state with position {position}, velocity {velocity}')
             return
-        if (sec, nanosec) <= self._stamp:
-            self._start_afresh()
-            self.get_logger().info('joint_states went back in time: started afresh')
+        if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(sec, nanosec):
+            self._held = raw
+            return
         self._stamp, self._seen = (sec, nanosec), raw
         self._control(self._memory, self._packed, position, velocity, self._answer)
         effort, area, guard = self._answer.item()
+        if not math.isfinite(effort):
+            self.fail(ArithmeticError(f'the effort for position {position:g} m, velocity '
+                                      f'{velocity:g} m/s is {effort}; allowed is finite [N]'))
+            return
         event = b''
         if guard:
             event = self._event_layouts[guard].encode(sec, nanosec, position, velocity, area)
@@ -123,39 +194,25 @@ class Controller(ParameterNode):
         self._commands.publish(command)
         self._counts['repeated'] += 1
 
-    def _decode_slowly(self, raw: bytes) -> tuple[Any, ...] | None:
-        """Decode any JointState: of several joints, another byte order, or with the reset mark."""
-        joint = self.parameters.joint_name
-        try:
-            message: Any = deserialize_message(raw, JointState)
-            at = list(message.name).index(joint)
-            position, velocity = message.position[at], message.velocity[at]
-        except ValueError:
-            self._reject(f'a state without joint {joint!r}')
-            return None
-        except IndexError:
-            self._reject(f'a state without position or velocity of joint {joint!r}')
-            return None
-        except Exception as error:  # rclpy raises its own type for bytes that are no message
-            self._reject(f'a state that cannot be decoded ({error})')
-            return None
-        if message.header.frame_id == RESET_MARK:
-            self._start_afresh()
-        stamp = message.header.stamp
-        return stamp.sec, stamp.nanosec, position, velocity, 0.0
-
     def _reject(self, what: str) -> None:
         self._counts['rejected'] += 1
-        self.get_logger().error(f'rejected {what}', throttle_duration_sec=1.0)
+        self.get_logger().error(f'rejected {what}', throttle_duration_sec=5.0)
 
-    def _report(self) -> tuple[bytes, str, dict[str, object]]:
+    def _progress(self) -> tuple[int, float]:
+        answered = self._counts['answered']
+        return answered, answered * self.parameters.time_step
+
+    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
         level = DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK
-        return level, 'answering' if self._counts['answered'] else 'waiting for states', {
-            **self._counts, 'x_r': self.parameters.x_r}
+        return level, 'answering' if rate else 'waiting for states', {
+            **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:
-        """Nothing is due by the wall clock."""
-        return IDLE
+        """Meet the plant; nothing else is due by the wall clock."""
+        if not self._held or self._plant_known:
+            return IDLE
+        self._meet_plant()
+        return 0.02
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""

@@ -8,22 +8,31 @@ from importlib import import_module
 import signal
 from typing import Any
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 class StopRequest:
     """Set by SIGINT and SIGTERM."""
 
     def __init__(self) -> None:
         self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in SIGNALS:
             signal.signal(number, self._request)
 
     def _request(self, *_: Any) -> None:
         self.requested = True
 
+    def ignore(self) -> None:
+        """Take no signal from now on: the interpreter puts the default handlers back on exit."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
 
 def _run(name: str) -> int:
     stop = StopRequest()
-    return int(import_module(f'impulse_control_ros.nodes.{name}').main(stop))
+    status = int(import_module(f'impulse_control_ros.nodes.{name}').main(stop))
+    stop.ignore()
+    return status
 
 
 def plant_simulator() -> int:

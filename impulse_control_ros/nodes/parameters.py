@@ -6,8 +6,12 @@ checked here first, as a whole, and rclpy's own path is taken only by a set that
 has been set is applied in the post-set callback, as one new immutable value.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import chain
+import re
 import sys
+from time import monotonic
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -17,17 +21,35 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters, Spec
+from impulse_control_ros.files.experiment import is_foreign, sections
 
 TYPES = {float: Parameter.Type.DOUBLE, int: Parameter.Type.INTEGER, bool: Parameter.Type.BOOL,
          str: Parameter.Type.STRING, tuple: Parameter.Type.STRING_ARRAY}
-FOREIGN = ('use_sim_time', 'start_type_description_service')
-FOREIGN_PREFIX = 'qos_overrides.'
+PATIENCE = 5.0
+NODE_OF_RULE = re.compile(r'(\w+):[^:=]+:=')
+
+
+def override_keys(arguments: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield the sources of parameters on a command line, and the nodes that they name."""
+    for flag, value in zip(arguments, arguments[1:], strict=False):
+        if flag == '--params-file':
+            yield value, list(sections(value))
+        elif flag in ('-p', '--param') and NODE_OF_RULE.match(value):
+            yield f'{flag} {value}', [value.split(':')[0]]
+
+
+def is_for(key: str, name: str) -> bool:
+    """Tell whether the node ``key`` of a parameter file is for the node of full ``name``."""
+    pattern = re.escape('/' + key.lstrip('/'))
+    pattern = pattern.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
+    return re.fullmatch(pattern, name) is not None
 
 
 def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
@@ -47,18 +69,17 @@ def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
     return made
 
 
-def is_foreign(name: str) -> bool:
-    """Tell whether a parameter belongs to rclpy itself."""
-    return name in FOREIGN or name.startswith(FOREIGN_PREFIX)
-
-
 class ParameterNode(Node):
     """
     A node whose parameters are those of one class; ``self.parameters`` is its present value.
 
     Raises `ParameterError` at birth for an override that is unknown, of a wrong type or out of
-    bounds. Subclasses react to a new set in `parameters_changed`.
+    bounds. Subclasses react to a new set in `parameters_changed`. ``finished`` tells that the
+    node has nothing more to do, and ``failure`` why where that is no good end.
     """
+
+    finished = False
+    failure: Exception | None = None
 
     def __init__(self, name: str, kind: type[Parameters], **options: Any) -> None:
         self.taken_directly: Collection[Subscription] = ()
@@ -76,6 +97,10 @@ class ParameterNode(Node):
     def subscriptions(self) -> Iterator[Subscription]:
         """Yield the subscriptions that an executor serves: all but those ``taken_directly``."""
         return (item for item in super().subscriptions if item not in self.taken_directly)
+
+    def fail(self, reason: Exception) -> None:
+        """End the node, and its process, for ``reason``."""
+        self.failure, self.finished = reason, True
 
     def _declare(self) -> Any:
         given = [name for name in self.list_parameters([], 0).names if not is_foreign(name)]
@@ -108,43 +133,56 @@ class ParameterNode(Node):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; an integer given for a float is taken as a float."""
-        refused = self._refuse(parameter_list)
-        if not refused.successful:
-            return refused
-        merged = self._merged(parameter_list).flat()
+        try:
+            merged = self._merged(parameter_list).flat()
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return super().set_parameters_atomically([
             item if is_foreign(item.name)
             else Parameter(item.name, TYPES[type(merged[item.name])], merged[item.name])
             for item in parameter_list])
 
 
-class ParameterReading:
+class PeerParameters:
     """
-    All parameters of another node, read over its services without blocking.
+    All parameters of other nodes, read over their services without blocking.
 
-    Call `poll` until ``values`` is filled (or patience ends), then `close`.
+    Call `poll` until it returns True; then ``values`` holds what the nodes that answered told,
+    by full name and parameter, and ``silent`` names the others.
     """
 
-    def __init__(self, node: Node, target: str) -> None:
-        self.values: dict[str, Any] = {}
-        self._node = node
-        self._names = node.create_client(ListParameters, f'{target}/list_parameters')
-        self._values = node.create_client(GetParameters, f'{target}/get_parameters')
-        self._asked = False
+    def __init__(self, node: Node) -> None:
+        self.values: dict[str, dict[str, Any]] = {}
+        self.silent: list[str] = []
+        self._node, self._until = node, 0.0
+        self._clients: dict[str, tuple[Client, Client]] = {}
+        self._asked: set[str] = set()
 
-    def poll(self) -> None:
-        """Ask once both services are there."""
-        if not self._asked and self._names.service_is_ready() and self._values.service_is_ready():
-            self._asked = True
-            self._names.call_async(ListParameters.Request()).add_done_callback(self._on_names)
+    def poll(self, peers: Collection[str]) -> bool:
+        """Go on asking ``peers``, full names of nodes, '' for one that is not yet known."""
+        if not self._clients:
+            if not peers or '' in peers:
+                return False
+            self._until = monotonic() + PATIENCE
+            self._clients = {peer: self._client_pair(peer) for peer in peers}
+        for peer, (names, values) in self._clients.items():
+            if peer not in self._asked and names.service_is_ready() and values.service_is_ready():
+                self._asked.add(peer)
+                names.call_async(ListParameters.Request()).add_done_callback(
+                    partial(self._on_names, peer))
+        self.silent = [peer for peer in self._clients if peer not in self.values]
+        if self.silent and monotonic() < self._until:
+            return False
+        for client in chain.from_iterable(self._clients.values()):
+            self._node.destroy_client(client)
+        return True
 
-    def _on_names(self, future: Future) -> None:
+    def _client_pair(self, peer: str) -> tuple[Client, Client]:
+        return (self._node.create_client(ListParameters, f'{peer}/list_parameters'),
+                self._node.create_client(GetParameters, f'{peer}/get_parameters'))
+
+    def _on_names(self, peer: str, future: Future) -> None:
         names = list(future.result().result.names)
-        self._values.call_async(GetParameters.Request(names=names)).add_done_callback(
-            lambda got: self.values.update(zip(
-                names, map(parameter_value_to_python, got.result().values), strict=True)))
-
-    def close(self) -> None:
-        """Destroy the clients."""
-        self._node.destroy_client(self._names)
-        self._node.destroy_client(self._values)
+        self._clients[peer][1].call_async(GetParameters.Request(names=names)).add_done_callback(
+            lambda got: self.values.update({peer: dict(zip(
+                names, map(parameter_value_to_python, got.result().values), strict=True))}))

@@ -13,18 +13,18 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from impulse_control_ros.core.axis import plant_step
+from impulse_control_ros.core.axis import DIVERGED, DivergedError, plant_step
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
-from impulse_control_ros.files.cdr import encode_float64, encode_time
+from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MARK
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
+from impulse_control_ros.nodes.graph import publishers, subscribers
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
@@ -34,15 +34,18 @@ from impulse_control_ros.nodes.topics import (
     CLOCK,
     command_layout,
     DAMPING,
+    decode_any,
     JOINT_COMMANDS,
     JOINT_STATES,
-    RESET_MARK,
+    RECORDER_PROGRESS,
     SERIES_QOS,
     SLOW_QOS,
     state_layout,
+    UnreadableError,
 )
 
 HANDSHAKE = 0.1
+START_REPORT = 2.0
 
 
 class PlantSimulator(ParameterNode):
@@ -58,7 +61,6 @@ class PlantSimulator(ParameterNode):
         self._reset_layout = state_layout(joint, logger, RESET_MARK)
         self._command_layout = command_layout(joint, logger)
         self._lockstep = parameters.lockstep
-        self.finished = False
         self.tick = -1
         self._state = parameters.start()
         self._plant_step = machine_code(
@@ -75,7 +77,7 @@ class PlantSimulator(ParameterNode):
         self._recorders = Recorders(
             self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
             self._lockstep)
-        self._counts = {'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
+        self._counts = {'accepted': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
         self.parameters_changed()
         self._create_endpoints()
 
@@ -88,8 +90,8 @@ class PlantSimulator(ParameterNode):
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
         SimulationControl(self)
-        Diagnostics(self, self._report)
-        self._reported = (monotonic(), 0)
+        Diagnostics(self, self._progress, self._report)
+        self._accepted_before = 0
         self._began = 0.0
 
     def parameters_changed(self) -> None:
@@ -126,6 +128,9 @@ class PlantSimulator(ParameterNode):
 
     def _publish_sample(self, layout: Any) -> None:
         tick, position, velocity, effort, damping, _ = self._state.item()
+        if not abs(position) < DIVERGED > abs(velocity):
+            self.fail(DivergedError(position, velocity, self.seconds(1)))
+            return
         self.tick = tick
         self._stamp = sec, nanosec = stamp(tick, self._start_ns, self._step_ns)
         self._message = layout.encode(sec, nanosec, position, velocity, effort)
@@ -144,10 +149,15 @@ class PlantSimulator(ParameterNode):
 
     def on_command(self, raw: bytes) -> None:
         """Take one joint command, given as CDR."""
-        values = self._command_layout.decode(raw) or self._decode_slowly(raw)
+        values = self._command_layout.decode(raw)
         if values is None:
-            return
-        sec, nanosec, effort = values
+            try:
+                sec, nanosec, _, effort = decode_any(raw, self.parameters.joint_name, ('effort',))
+            except UnreadableError as error:
+                self._reject(f'a command {error}')
+                return
+        else:
+            sec, nanosec, effort = values
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
         elif (sec, nanosec) > self._stamp:
@@ -157,28 +167,17 @@ class PlantSimulator(ParameterNode):
             self._counts['stale'] += 1
         else:
             self._answered = (sec, nanosec)
+            self._counts['accepted'] += 1
             self._awaiting = False
             self._effort = effort
             if self._lockstep:
                 self._proceed()
-
-    def _decode_slowly(self, raw: bytes) -> tuple[Any, ...] | None:
-        """Decode any JointState, of several joints or in another byte order."""
-        joint = self.parameters.joint_name
-        try:
-            message: Any = deserialize_message(raw, JointState)
-            effort = message.effort[list(message.name).index(joint)]
-        except (ValueError, IndexError):
-            self._reject(f'a command without an effort for joint {joint!r}')
-            return None
-        except Exception as error:  # rclpy raises its own type for bytes that are no message
-            self._reject(f'a command that cannot be decoded ({error})')
-            return None
-        return message.header.stamp.sec, message.header.stamp.nanosec, effort
+            elif (sec, nanosec) < self._stamp:
+                self._counts['late'] += 1
 
     def _reject(self, what: str) -> None:
         self._counts['rejected'] += 1
-        self.get_logger().error(f'rejected {what}', throttle_duration_sec=1.0)
+        self.get_logger().error(f'rejected {what}', throttle_duration_sec=5.0)
 
     # -- what holds the next sample ---------------------------------------------------------
 
@@ -230,21 +229,35 @@ class PlantSimulator(ParameterNode):
                 else self.parameters.command_timeout)
 
     def _start_when_matched(self, now: float) -> float:
-        waiting = []
-        if not (self._states.get_subscription_count() and self.commands.get_publisher_count()):
-            waiting.append('a controller')
-        if self.parameters.wait_for_recorder and not self._recorders:
-            waiting.append('a recorder')
+        waiting = self._missing_peers()
         if waiting:
-            if now >= self._asked_at + 5.0:
+            if now >= self._asked_at + START_REPORT:
                 self._asked_at = now
                 self.get_logger().info(f'waiting for {" and ".join(waiting)}')
             return 0.02
         self._began = now
         self._state = self.parameters.start()
         self._pace.restart(0)
-        self._publish_sample(self._layout)
+        self._publish_sample(self._reset_layout)
         return 0.0
+
+    def _missing_peers(self) -> list[str]:
+        """Say what the first state waits for."""
+        waiting = []
+        if not (self._states.get_subscription_count() and self.commands.get_publisher_count()):
+            waiting.append('a controller')
+        if self.parameters.wait_for_recorder and not self._recorders:
+            waiting.append('a recorder')
+        if self._states_shared():
+            waiting.append(f'another plant to leave {self._states.topic_name}; one more can run '
+                           'in a namespace (-r __ns:=/NAME) or another ROS_DOMAIN_ID')
+        return waiting
+
+    def _states_shared(self) -> bool:
+        """Tell whether another plant publishes our states: it too hears of recorders."""
+        plants = publishers(self, JOINT_STATES)
+        return len(plants) > 1 and len(
+            [name for name in subscribers(self, RECORDER_PROGRESS) if name in plants]) > 1
 
     def _ask_again(self, now: float) -> None:
         """Publish the state once more: its command is late, or an endpoint may be new."""
@@ -265,7 +278,8 @@ class PlantSimulator(ParameterNode):
         wall = monotonic() - self._began
         simulated = self.tick * self.parameters.time_step
         counts = ', '.join(f'{value} {name}' for name, value in (
-            {'steps': self.tick} | self._counts | {'missed deadlines': self._pace.missed}
+            {'steps': self.tick} | self._counts
+            | {'lost': self._lost(), 'missed deadlines': self._pace.missed}
         ).items())
         self.get_logger().info(
             f'the run is over at {self.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
@@ -275,7 +289,7 @@ class PlantSimulator(ParameterNode):
 
     def seconds(self, ahead: int = 0) -> str:
         """Return the stamp of the state ``ahead`` samples from the present one, in seconds."""
-        sec, nanosec = stamp(self.tick + ahead, self._start_ns, self._step_ns)
+        sec, nanosec = stamp(max(0, self.tick + ahead), self._start_ns, self._step_ns)
         return f'{sec}.{nanosec:09d}'
 
     def reset(self) -> bool:
@@ -294,19 +308,28 @@ class PlantSimulator(ParameterNode):
             self._steps_left += samples
         return self.paused
 
-    def _report(self) -> tuple[bytes, str, dict[str, object]]:
-        (since, tick), now = self._reported, monotonic()
-        self._reported = (now, self.tick)
-        rate = (self.tick - tick) / (now - since)
+    def _lost(self) -> int:
+        """Return the number of states, but the present one, that no command has answered."""
+        return max(0, self.tick - self._counts['accepted'])
+
+    def _progress(self) -> tuple[int, float]:
+        return self.tick, self.tick * self.parameters.time_step
+
+    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
+        accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
+        unheard = not self._lockstep and rate > 0 and self._accepted_before == accepted
+        if unheard:
+            self.get_logger().warning(
+                f'no command for a second at {self.seconds()} s: {self._effort:g} N is held',
+                throttle_duration_sec=5.0)
         held = [name for name, holds in (
             ('a command', self._awaiting), ('resume', self.paused),
             ('a recorder', self.tick >= self._recorders.limit)) if holds]
-        message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
-        return DiagnosticStatus.OK if rate else DiagnosticStatus.WARN, message, {
-            'steps': self.tick, 'steps_per_second': f'{rate:.1f}',
-            'real_time_factor': f'{rate * self.parameters.time_step:.3f}',
+        message = ('running without commands' if unheard else 'running' if rate
+                   else 'waiting for ' + (' and '.join(held) or 'peers'))
+        return DiagnosticStatus.OK if message == 'running' else DiagnosticStatus.WARN, message, {
             'recorders': len(self._recorders), 'missed_deadlines': self._pace.missed,
-            **self._pace.report(), **self._counts}
+            **self._pace.report(), **self._counts, 'lost': self._lost()}
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""

@@ -10,31 +10,34 @@ The recorder joins the lockstep by choice: after each batch it publishes on reco
 the stamp of the last state that it has together with its command. The plant waits for it (see
 plant_simulator.py), so a slow disk slows simulated time and loses nothing. It opens the bag
 when plant and controller are there and their parameters are read; what comes earlier is kept.
-A plant that starts anew goes back in time: then the bag is finished, and the next one is
-``<bag>-2``.
+Parameters of one that comes anew in mid-run are added. A plant that starts anew begins another
+run: then the bag is finished, and the next one is ``<bag>-2``.
 """
 
 from datetime import datetime
 from importlib import import_module
+from itertools import count
 import json
 from pathlib import Path
 from time import monotonic
 from typing import Any
+from uuid import uuid4
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.tick import nanoseconds, SECOND
-from impulse_control_ros.files.bag import BagWriter, refuse_existing, Topic
+from impulse_control_ros.files.bag import BagWriter, PARAMETERS, require_writable, Topic
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.parameters import ParameterNode, ParameterReading
+from impulse_control_ros.nodes.graph import full_name
+from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
     EVENT_QOS,
@@ -49,25 +52,25 @@ from impulse_control_ros.nodes.topics import (
 
 BATCH = 250
 BATCH_PERIOD = 0.02
-PARAMETER_TIMEOUT = 5.0
+WATCH_PERIOD = 0.5
 DEFAULT_STEP_NS = 100_000
-NAME_UNKNOWN = '_NODE_NAME_UNKNOWN_'  # rmw's, of an endpoint whose node is not yet discovered
 
 
 class Recorder(ParameterNode):
     """Writes what passes by into a bag, and loses nothing."""
 
-    finished = False
-
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', RecorderParameters, **options)
         self._name = self.parameters.bag or f'impulse_{datetime.now():%Y_%m_%d-%H_%M_%S}'
-        refuse_existing(Path(self._name))
+        require_writable(Path(self._name))
         self.bag: BagWriter | None = None
         self._timeline = Timeline(DEFAULT_STEP_NS)
         self._bags = 0
-        self._readings: dict[str, ParameterReading] = {}
-        self._asked_at = self._batch_at = 0.0
+        self._batch_at = 0.0
+        self._identity = f'{self.get_fully_qualified_name()} {uuid4().hex[:8]}'
+        self._peers: set[tuple[str, bytes]] = set()
+        self._asking: PeerParameters | None = None
+        self._told: dict[str, dict[str, Any]] = {}
         self.inboxes: dict[Subscription, list[bytes]] = {}
         self._kinds: dict[Subscription, str] = {}
         self._channels: list[int] = []
@@ -78,11 +81,12 @@ class Recorder(ParameterNode):
         events, commands, states = self.inboxes
         self.inboxes = {item: self.inboxes[item] for item in (states, events, commands)}
         self._series = (states, commands)
-        self._wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
+        self._wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics} - {
+            subscription.topic_name for subscription in self.inboxes}
         self._progress = self.create_publisher(Header, RECORDER_PROGRESS, SLOW_QOS)
-        self.create_timer(0.5, self._subscribe_wanted)
-        self._subscribe_wanted()
-        Diagnostics(self, self._report)
+        self.create_timer(WATCH_PERIOD, self._watch)
+        self._watch()
+        Diagnostics(self, self._covered, self._report)
 
     # -- endpoints --------------------------------------------------------------------------
 
@@ -101,8 +105,14 @@ class Recorder(ParameterNode):
             while taken := take(subscription.msg_type, True):
                 inbox.append(taken[0])
 
+    def _watch(self) -> None:
+        """Look for topics and peers that have appeared on the graph."""
+        self._subscribe_wanted()
+        peers = self._present_peers()
+        if self.bag and not self._asking and peers - self._peers:
+            self._peers, self._asking = peers, PeerParameters(self)
+
     def _subscribe_wanted(self) -> None:
-        """Subscribe to the further topics that have appeared on the graph."""
         for topic, kinds in self.get_topic_names_and_types() if self._wanted else ():
             if topic not in self._wanted:
                 continue
@@ -110,61 +120,72 @@ class Recorder(ParameterNode):
             package, _, name = kinds[0].split('/')
             offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
+            latched = offers and all(
+                qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
             made = self._subscribe(
-                topic, kinds[0], getattr(import_module(f'{package}.msg'), name),
-                QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
-                           if best_effort else ReliabilityPolicy.RELIABLE))
+                topic, kinds[0], getattr(import_module(f'{package}.msg'), name), QoSProfile(
+                    depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
+                    else ReliabilityPolicy.RELIABLE,
+                    durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
+                    else DurabilityPolicy.VOLATILE))
             if self.bag:
                 self._channels.append(self._add_topic(made))
 
-    def _peers(self) -> set[str]:
-        """Return the names of the nodes that publish states and commands; none when not both."""
-        names = set()
+    def _present_peers(self) -> set[tuple[str, bytes]]:
+        """Return (node, endpoint) of what publishes states and commands; none when not both."""
+        peers = set()
         for subscription in self._series:
-            infos = self.get_publishers_info_by_topic(subscription.topic_name)
-            if not (subscription.get_publisher_count() and infos) or any(
-                    info.node_name == NAME_UNKNOWN for info in infos):
+            ends = self.get_publishers_info_by_topic(subscription.topic_name)
+            if not (subscription.get_publisher_count() and ends and all(map(full_name, ends))):
                 return set()
-            names |= {'/'.join((info.node_namespace.rstrip('/'), info.node_name))
-                      for info in infos}
-        return names
+            peers |= {(full_name(end), bytes(end.endpoint_gid)) for end in ends}
+        return peers
 
     # -- the bag ----------------------------------------------------------------------------
 
-    def _prepare(self, now: float) -> None:
-        """Read the peers' parameters, and open the bag once they have told them."""
-        if not self._readings:
-            self._readings = {name: ParameterReading(self, name) for name in self._peers()}
-            self._asked_at = now
+    def _ask_peers(self) -> None:
+        """Read the peers' parameters; with them open the bag, or add what is new to it."""
+        if not self.bag and not self._asking:
+            self._peers, self._asking = self._present_peers(), PeerParameters(self)
+        asking = self._asking
+        if not asking or not asking.poll({name for name, _ in self._peers}):
+            self._asking = asking if self._peers else None
             return
-        for reading in self._readings.values():
-            reading.poll()
-        silent = [name for name, reading in self._readings.items() if not reading.values]
-        if silent and now < self._asked_at + PARAMETER_TIMEOUT:
-            return
-        for name in silent:
+        self._asking = None
+        for name in asking.silent:
             self.get_logger().warning(f'{name} does not tell its parameters')
-        for reading in self._readings.values():
-            reading.close()
-        self._open({name: reading.values for name, reading in self._readings.items()})
-        self._readings = {}
+        if not self.bag:
+            self._open(asking.values)
+            return
+        for node, values in asking.values.items():
+            if values != self._told.get(node):
+                self._add_parameters(f'{node}:{self._timeline.newest}', values)
+        self._told |= asking.values
 
     def _open(self, parameters: dict[str, dict[str, Any]]) -> None:
+        names = (self._name if number == 1 else f'{self._name}-{number}'
+                 for number in count(self._bags + 1))
+        folder = next(name for name in names if not (self._bags and Path(name).exists()))
         self._bags += 1
-        name = self._name if self._bags == 1 else f'{self._name}-{self._bags}'
-        self.bag = BagWriter(name, self.parameters.compression)
+        self.bag = BagWriter(folder, self.parameters.compression)
         self.bag.add_metadata('impulse_control_ros', {'version': __version__})
-        own = {self.get_fully_qualified_name(): self.parameters.flat()}
-        step = DEFAULT_STEP_NS
-        for node, values in (parameters | own).items():
-            self.bag.add_metadata(f'parameters:{node}',
-                                  {key: json.dumps(value) for key, value in values.items()})
-            if 'time_step' in values:
-                step = nanoseconds(values['time_step'], 'time_step')
-        self._timeline = Timeline(step)
+        self._told = parameters | {self.get_fully_qualified_name(): self.parameters.flat()}
+        for node, values in self._told.items():
+            self._add_parameters(node, values)
+        known: dict[str, Any] = {}
+        for values in parameters.values():
+            known |= values
+        step = known.get('time_step', 0.0)
+        self._timeline = Timeline(nanoseconds(step, 'time_step') if step else DEFAULT_STEP_NS,
+                                  known.get('joint_name', ''))
         self._first_at = self._last_at = 0.0
         self._channels = [self._add_topic(subscription) for subscription in self.inboxes]
-        self.get_logger().info(f'recording into {name}')
+        self.get_logger().info(f'recording into {folder}')
+
+    def _add_parameters(self, name: str, values: dict[str, Any]) -> None:
+        assert self.bag
+        self.bag.add_metadata(f'{PARAMETERS}{name}', {
+            key: json.dumps(value) for key, value in values.items()})
 
     def _add_topic(self, subscription: Subscription) -> int:
         infos = self.get_publishers_info_by_topic(subscription.topic_name)
@@ -176,19 +197,16 @@ class Recorder(ParameterNode):
     def _drain(self, everything: bool = False) -> bool:
         """Move the inboxes into the bag; returns False when a new run has begun."""
         assert self.bag
-        same = True
         for index, inbox in enumerate(self.inboxes.values()):
-            taken = self._timeline.add(index, inbox)
-            same = same and taken == len(inbox)
-            del inbox[:taken]
-        entries = self._timeline.take(everything or not same)
+            del inbox[:self._timeline.add(index, inbox, everything)]
+        over = self._timeline.over
+        entries = self._timeline.take(everything or over)
         if entries:
             self._last_at = monotonic()
             self._first_at = self._first_at or self._last_at
         channels = self._channels
-        self.bag.write((stamp, channels[index], raw)
-                       for stamp, index, raw in entries)
-        return same
+        self.bag.write((stamp, channels[index], raw) for stamp, index, raw in entries)
+        return not over
 
     def _finish(self) -> None:
         """Finish the bag, and say what is in it."""
@@ -196,7 +214,7 @@ class Recorder(ParameterNode):
         count, missing = self.bag.count, self._timeline.missing
         self.bag.add_metadata('recording', {
             'messages': str(count), 'missing': str(missing),
-            'repeated': str(self._timeline.repeated),
+            'repeated': str(self._timeline.repeated), 'foreign': str(self._timeline.foreign),
             'wall_seconds': f'{self._last_at - self._first_at:.6f}'})
         self.bag.close()
         self.get_logger().info(f'{self.bag.folder}: {count} messages written, {missing} missing, '
@@ -211,25 +229,30 @@ class Recorder(ParameterNode):
         if now < self._batch_at and len(self.inboxes[self._series[0]]) < BATCH:
             return BATCH_PERIOD
         self._batch_at = now + BATCH_PERIOD
+        self._ask_peers()
         if not self.bag:
-            self._prepare(now)
-        elif not self._drain():
+            return BATCH_PERIOD
+        if not self._drain():
             self._finish()
         else:
             self._tell_progress()
         return BATCH_PERIOD
 
     def _tell_progress(self) -> None:
-        message = Header(frame_id=self.get_fully_qualified_name())
+        message = Header(frame_id=self._identity)
         message.stamp.sec, message.stamp.nanosec = divmod(self._timeline.reached, SECOND)
         self._progress.publish(message)
 
-    def _report(self) -> tuple[bytes, str, dict[str, object]]:
-        missing = self._timeline.missing
-        return DiagnosticStatus.ERROR if missing else DiagnosticStatus.OK, (
+    def _covered(self) -> tuple[int, float]:
+        taken = self._timeline.taken
+        return taken, taken * self._timeline.step_ns / SECOND
+
+    def _report(self, _: float) -> tuple[bytes, str, dict[str, object]]:
+        timeline = self._timeline
+        return DiagnosticStatus.ERROR if timeline.missing else DiagnosticStatus.OK, (
             f'recording {self.bag.folder}' if self.bag else 'waiting for plant and controller'), {
-            'written': self.bag.count if self.bag else 0, 'lost': missing,
-            'repeated': self._timeline.repeated}
+            'written': self.bag.count if self.bag else 0, 'lost': timeline.missing,
+            'repeated': timeline.repeated, 'foreign': timeline.foreign}
 
     def close(self) -> None:
         """Finish the bag with all that has arrived."""
@@ -240,7 +263,7 @@ class Recorder(ParameterNode):
             same = self._drain(everything=True)
             self._finish()
             if not same:
-                self._open({})
+                self._open(self._told)
 
 
 def main(stop: StopRequest) -> int:

@@ -21,6 +21,7 @@ from rclpy.utilities import remove_ros_args
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.bag import BagError
 from impulse_control_ros.nodes.entry import StopRequest
+from impulse_control_ros.nodes.parameters import is_for, override_keys
 
 IDLE = 0.1
 MOST_EVENTS = 50
@@ -44,10 +45,11 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
-    A node has, beside what rclpy gives it, ``finished``; ``poll()``, which does what is due by
-    the wall clock and returns the seconds until it wants to be asked again; and ``close()``,
-    which hands over what it still holds. ``between`` does work of its own between the executor's
-    turns, and returns whether it wants the next turn at once.
+    A node has, beside what rclpy gives it, ``finished``, and ``failure`` for the reason where
+    there is one; ``poll()``, which does what is due by the wall clock and returns the seconds
+    until it wants to be asked again; and ``close()``, which hands over what it still holds.
+    ``between`` does work of its own between the executor's turns, and returns whether it wants
+    the next turn at once.
     """
     executor = make_executor()
     try:
@@ -96,6 +98,7 @@ def main(stop: StopRequest, prog: str, description: str,
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         for make in makers(options):
             nodes.append(make())
+        report_unused_overrides(nodes)
     except (ParameterError, BagError, _rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
         return leave(nodes, f'{prog}: {first_line(error)}', 2)
     try:
@@ -105,7 +108,29 @@ def main(stop: StopRequest, prog: str, description: str,
     except BaseException:
         leave(nodes, '', 1)
         raise
+    failure = next(filter(None, (node.failure for node in nodes)), None)
+    if failure:
+        return leave(nodes, f'{prog}: {failure}', 2 if isinstance(failure, ParameterError) else 1)
     return leave(nodes, '', 0)
+
+
+def report_unused_overrides(nodes: Sequence[Any]) -> None:
+    """
+    Name the parameters on the command line that are for no node here: ROS passes them over.
+
+    A file for one node may hold others' too, so it is warned of only when it has nothing for the
+    node; composed nodes are all that there is, so `ParameterError` is raised.
+    """
+    names = [node.get_fully_qualified_name() for node in nodes]
+    for source, keys in override_keys(sys.argv):
+        lost = [key for key in keys if not any(is_for(key, name) for name in names)]
+        if not lost or (len(nodes) == 1 and len(lost) < len(keys)):
+            continue
+        what = (f'{source}: {", ".join(lost)} is for none of {", ".join(names)}: '
+                'in a file, /**/NAME is a node in any namespace')
+        if len(nodes) > 1:
+            raise ParameterError(what)
+        nodes[0].get_logger().warning(what)
 
 
 def leave(nodes: Sequence[Any], message: str, status: int) -> int:

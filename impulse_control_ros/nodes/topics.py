@@ -18,7 +18,6 @@ DAMPING = 'damping'
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
 RECORDER_PROGRESS = 'recorder_progress'
-RESET_MARK = 'reset'
 
 # A joined recorder may be WINDOW states behind; the queues hold more, so none is overwritten.
 WINDOW = 1000
@@ -40,6 +39,31 @@ def qos_keys(qos: QoSProfile) -> dict[str, Any]:
         'liveliness': qos.liveliness.short_key,
         'liveliness_lease_duration': duration(qos.liveliness_lease_duration),
         'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
+
+
+class UnreadableError(Exception):
+    """A JointState that does not say what is asked of it; the message says why."""
+
+
+def decode_any(raw: bytes, joint: str, fields: Sequence[str]) -> tuple[Any, ...]:
+    """
+    Decode any JointState: of several joints, in another byte order, with any frame_id.
+
+    Returns (sec, nanosec, frame_id, *values of ``fields`` for ``joint``); raises
+    `UnreadableError`.
+    """
+    try:
+        message: Any = deserialize_message(raw, JointState)
+    except Exception as error:  # rclpy raises its own type for bytes that are no message
+        raise UnreadableError(f'that cannot be decoded ({error})') from None
+    if joint not in message.name:
+        raise UnreadableError(f'without joint {joint!r}')
+    at, stamp = list(message.name).index(joint), message.header.stamp
+    for field in fields:
+        if len(getattr(message, field)) <= at:
+            raise UnreadableError(f'without {field} of joint {joint!r}')
+    return (stamp.sec, stamp.nanosec, message.header.frame_id,
+            *(getattr(message, field)[at] for field in fields))
 
 
 class TypedLayout:

@@ -1,7 +1,13 @@
-"""``make demo``: the underdamped axis with PD alone and with impulses, recorded and compared."""
+"""
+``make demo``: the underdamped axis with PD alone and with impulses, recorded and compared.
+
+Each run is one process that needs no other and must hear no other: it is not discovered.
+"""
 
 from datetime import datetime
+import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 
@@ -17,7 +23,7 @@ def closed_loop(config: Path, bag: Path) -> int:
     return subprocess.run([
         str(Path(sys.executable).with_name('closed_loop')), '--ros-args', '--params-file',
         str(config), '-p', f'recorder:bag:={bag}', '--log-level', 'warn'],
-        check=False).returncode
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, check=False).returncode
 
 
 def rows(run: Recording) -> list[tuple[str, str]]:
@@ -53,11 +59,16 @@ def main() -> int:
     """Run both cases and print the table; returns the exit status."""
     folder = Path('runs', f'{datetime.now():%Y_%m_%d-%H_%M_%S}')
     bags = {case: folder / case for case in CASES}
+    interrupts: list[int] = []
+    # the run takes Ctrl-C itself, and finishes its bag
+    signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     for case, bag in bags.items():
         print(f'{case}: recording {bag}', flush=True)
         status = closed_loop(Path('config', f'{case}.yaml'), bag)
-        if status:
-            return status
+        if interrupts:
+            print(f'demo: interrupted; what was recorded is under {folder}', file=sys.stderr)
+        if status or interrupts:
+            return status or 1
     try:
         columns = [rows(read(bag)) for bag in bags.values()]
     except BagError as error:

@@ -195,7 +195,7 @@ def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     writer.write([(START, writer.add_topic(topic('/elsewhere')), STATE.encode(1, 0, 0, 0, 0))])
     writer.close()
-    with pytest.raises(BagError, match='no joint_states among its topics /elsewhere'):
+    with pytest.raises(BagError, match='no joint_states .* among its topics /elsewhere'):
         read(tmp_path / 'run')
 
 

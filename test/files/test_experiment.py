@@ -61,7 +61,7 @@ def test_a_node_is_known_in_any_namespace(tmp_path):
 def test_what_ros_takes_is_taken(tmp_path, text):
     path = tmp_path / 'legal.yaml'
     path.write_text(text)
-    assert read_experiment(path).controller.K == (3.0 if 'K: 3.0' in text else 10.0)
+    assert (3.0 if 'K: 3.0' in text else 10.0) == read_experiment(path).controller.K
 
 
 @pytest.mark.parametrize(('name', 'value'), [('time_step', 0.001), ('joint_name', 'elbow')])

@@ -2,17 +2,23 @@
 
 from hypothesis import given, strategies as st
 
-from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
 from impulse_control_ros.files.timeline import COMMANDS, EVENTS, STATES, Timeline
 
 STEP, START = 100_000, 1_000_000_000
 EXTRA = 3
 STATE = JointStateLayout('axis')
+MARKED = JointStateLayout('axis', RESET_MARK)
+ELBOW = JointStateLayout('elbow')
 COMMAND = JointStateLayout('axis', '', ('effort',))
 
 
 def state(tick, position=0.5):
     return STATE.encode(*divmod(START + tick * STEP, 10**9), position, 0.0, 0.0)
+
+
+def marked(tick):
+    return MARKED.encode(*divmod(START + tick * STEP, 10**9), 0.5, 0.0, 0.0)
 
 
 def command(tick, effort=1.0):
@@ -21,7 +27,7 @@ def command(tick, effort=1.0):
 
 def recorded(arrivals):
     """Return the entries of (topic, message) in the order of arrival, and the timeline."""
-    timeline = Timeline(STEP)
+    timeline = Timeline(STEP, 'axis')
     entries = []
     for index, messages in arrivals:
         assert timeline.add(index, messages) == len(messages)
@@ -56,7 +62,7 @@ def test_the_recording_is_in_the_order_of_stamps_with_states_first():
                (EVENTS, [STATE.encode(1, 0, 0, 0, 9.0)]), (COMMANDS, [command(1)]),
                (STATES, [state(2)]), (EXTRA, [b'\x00\x01\x00\x00damping']),
                (COMMANDS, [command(2)])]
-    timeline = Timeline(STEP)
+    timeline = Timeline(STEP, 'axis')
     for index, messages in batches:
         timeline.add(index, messages)
     order = [(stamp, index) for stamp, index, _ in timeline.take()]
@@ -98,15 +104,73 @@ def test_a_foreign_command_is_kept_and_disturbs_nothing(tick, after):
     assert timeline.reached == START + 9 * STEP
 
 
-def test_a_state_that_goes_back_begins_another_run():
-    timeline = Timeline(STEP)
-    assert timeline.add(STATES, [state(k) for k in (0, 1, 2, 0, 1)]) == 3
-    assert timeline.add(COMMANDS, [command(k) for k in (0, 1, 2)]) == 3
-    assert len(timeline.take()) == 6
+def runs(*messages, joint='axis'):
+    """Return the number of states of each run that these states make, and of the foreign ones."""
+    waiting, counts, foreign = list(messages), [], 0
+    while waiting:
+        timeline = Timeline(STEP, joint)
+        taken = 0
+        while waiting and not timeline.over:
+            for size in range(1, len(waiting) + 1):  # as they arrive, one by one
+                done = timeline.add(STATES, waiting[:size], everything=size == len(waiting))
+                if done or timeline.over:
+                    break
+            taken, waiting = taken + done, waiting[done:]
+        counts.append(taken - timeline.foreign - timeline.repeated)
+        foreign += timeline.foreign
+    return counts, foreign
 
 
-def test_another_state_at_the_same_stamp_begins_another_run():
-    assert Timeline(STEP).add(STATES, [state(0), state(0, position=0.25)]) == 1
+def test_a_marked_state_out_of_the_series_begins_another_run():
+    for start in (0, 1, 5, 30_000):
+        series = [state(k) for k in (0, 1, 2)]
+        assert runs(*series, marked(start), state(start + 1)) == ([3, 2], 0)
+        assert runs(*series, marked(start)) == ([3, 1], 0)
+
+
+def test_a_marked_state_in_the_series_is_a_reset_within_the_run():
+    assert runs(state(0), state(1), marked(2), state(3)) == ([4], 0)
+
+
+def test_states_that_go_back_begin_another_run_once_they_are_borne_out():
+    series = [state(k) for k in (0, 1, 2)]
+    assert runs(*series, state(0), state(1)) == ([3, 2], 0)
+    assert runs(*series, state(0, 0.25), state(0, 0.25)) == ([3, 1], 0)
+
+
+@given(st.integers(1, 8), st.sampled_from([
+    ELBOW.encode(0, 0, 1.0, 2.0, 3.0), ELBOW.encode(1, 300_000, 1.0, 2.0, 3.0),
+    STATE.encode(0, 0, 0.0, 0.0, 0.0), STATE.encode(1, 0, 7.0, 0.0, 0.0),
+    STATE.encode(4000, 0, 7.0, 0.0, 0.0), b'', b'\x00\x01']), st.integers(1, 3))
+def test_a_foreign_state_is_kept_and_disturbs_nothing(after, foreign, times):
+    series = [state(k) for k in range(9)]
+    if b'axis' in foreign and foreign[4:12] != bytes(8):
+        times = 1  # the second would bear it out
+    messages = series[:after] + [foreign] * times + series[after:]
+    counts, others = runs(*messages)
+    assert counts == [9]
+    assert others == len(messages) - 9
+
+
+def test_foreign_states_stand_beside_the_series_in_the_recording():
+    other = ELBOW.encode(77, 0, 1.0, 2.0, 3.0)
+    taken, timeline = recorded([(STATES, [state(0), other, state(1)]),
+                                (COMMANDS, [command(0), command(1)])])
+    assert (START, STATES, other) in taken
+    assert (len(taken), timeline.missing, timeline.foreign) == (5, 0, 1)
+
+
+def test_a_jump_ahead_that_is_borne_out_is_a_gap():
+    timeline = Timeline(STEP, 'axis')
+    states = [state(0), state(1), state(50_000), state(50_001)]
+    assert timeline.add(STATES, states) == 4
+    timeline.take(everything=True)
+    assert timeline.missing == 49_998
+
+
+def test_states_closer_than_the_step_are_not_counted_below_zero():
+    _, timeline = recorded([(STATES, [STATE.encode(1, 10 * k, 0, 0, 0) for k in range(9)])])
+    assert timeline.missing == 0
 
 
 def test_states_before_the_first_command_are_not_missing_theirs():
