@@ -21,7 +21,7 @@ from rclpy.utilities import remove_ros_args
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.bag import BagError
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.parameters import is_for, override_keys
+from impulse_control_ros.nodes.parameters import missed_by, override_keys
 
 IDLE = 0.1
 MOST_EVENTS = 50
@@ -116,17 +116,17 @@ def main(stop: StopRequest, prog: str, description: str,
 
 def report_unused_overrides(nodes: Sequence[Any]) -> None:
     """
-    Name the parameters on the command line that are for no node here: ROS passes them over.
+    Name the parameters on the command line that miss the nodes here: ROS passes them over.
 
-    A file for one node may hold others' too, so it is warned of only when it has nothing for the
-    node; composed nodes are all that there is, so `ParameterError` is raised.
+    Composed nodes refuse them with `ParameterError`; a node alone warns, for a file may be for
+    others only.
     """
     names = [node.get_fully_qualified_name() for node in nodes]
     for source, keys in override_keys(sys.argv):
-        lost = [key for key in keys if not any(is_for(key, name) for name in names)]
-        if not lost or (len(nodes) == 1 and len(lost) < len(keys)):
+        missed = missed_by(keys, names)
+        if not missed:
             continue
-        what = (f'{source}: {", ".join(lost)} is for none of {", ".join(names)}: '
+        what = (f'{source}: {", ".join(keys)} is not for {", ".join(missed)}; '
                 'in a file, /**/NAME is a node in any namespace')
         if len(nodes) > 1:
             raise ParameterError(what)

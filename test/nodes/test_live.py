@@ -143,6 +143,7 @@ def test_steps_are_made_only_while_paused_and_as_many_as_asked(graph, client):
     refused = client.call('/plant_simulator/step', Trigger)
     assert not refused.success
     assert 'pause first' in refused.message
+    client.call('/plant_simulator/pause', SetBool, data=True)  # finish() sets, then lets go
     assert finish(client, process, bag).receipt['missing'] == '0'
 
 
