@@ -6,11 +6,11 @@ At sample k the controller answers state k with effort k, which acts over [t_k, 
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from impulse_control_ros.core.axis import Axis, DIVERGED, DivergedError, step_state
 from impulse_control_ros.core.impulse import ANSWER, answer_sample, Controller, fresh_memory
+from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import ticks
 
@@ -36,7 +36,7 @@ class Run:
     events: np.ndarray
 
 
-@numba.njit(cache=True)
+@compiled
 def closed_loop(axis, damping, state, gains, memory, states, efforts, events):
     """Fill ``states`` (n + 1,) and ``efforts`` (n + 1,); return the number of ``events``."""
     answer = np.zeros(1, ANSWER)[0]
@@ -55,12 +55,11 @@ def closed_loop(axis, damping, state, gains, memory, states, efforts, events):
     return count
 
 
-def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
+def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
     """
-    Run the closed loop for ``duration`` seconds from the axis' start.
+    Return the number of steps in ``duration`` [s].
 
-    Raises `ParameterError` when the two disagree about the time step or the duration is not
-    positive, and `DivergedError` when the motion leaves all bounds.
+    Raises `ParameterError` when the two disagree about the time step or there is no step.
     """
     if axis.time_step != controller.time_step:
         raise refusal('time_step', controller.time_step,
@@ -68,6 +67,17 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     steps = ticks(duration, axis.time_step)
     if not steps > 0:
         raise refusal('duration', duration, f'> {axis.time_step:g} [s]')
+    return steps
+
+
+def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
+    """
+    Run the closed loop for ``duration`` seconds from the axis' start.
+
+    Raises `ParameterError` when the two disagree about the time step or the duration is not
+    positive, and `DivergedError` when the motion leaves all bounds.
+    """
+    steps = steps_of(axis, controller, duration)
     plant, damping = axis.packed()
     state = axis.start()
     states = np.zeros(steps + 1, state.dtype)
