@@ -37,21 +37,22 @@ class Run:
 
 
 @compiled
-def closed_loop(axis, damping, state, gains, memory, states, efforts, events):
-    """Fill ``states`` (n + 1,) and ``efforts`` (n + 1,); return the number of ``events``."""
+def closed_loop(axis, profile, state, gains, memory, position, velocity, damping, effort, events):
+    """Fill the arrays of a `Run` of n steps; return the number of ``events``."""
     answer = np.zeros(1, ANSWER)[0]
     count = 0
-    for k in range(len(efforts)):
-        states[k] = state[0]
-        answer_sample(memory[0], gains[0], state[0].position, state[0].velocity, answer)
-        efforts[k] = answer.effort
+    for k in range(len(effort)):
+        position[k], velocity[k] = state[0].position, state[0].velocity
+        answer_sample(memory[0], gains[0], position[k], velocity[k], answer)
+        effort[k] = answer.effort
         if answer.guard:
             event = events[count]
             event.tick, event.guard, event.area = k, answer.guard, answer.area
-            event.position, event.velocity = state[0].position, state[0].velocity
+            event.position, event.velocity = position[k], velocity[k]
             count += 1
-        if k + 1 < len(efforts):
-            step_state(axis[0], damping[0], state[0], answer.effort)
+        if k < len(damping):
+            step_state(axis[0], profile[0], state[0], answer.effort)
+            damping[k] = state[0].damping
     return count
 
 
@@ -78,19 +79,13 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     positive, and `DivergedError` when the motion leaves all bounds.
     """
     steps = steps_of(axis, controller, duration)
-    plant, damping = axis.packed()
-    state = axis.start()
-    states = np.zeros(steps + 1, state.dtype)
-    efforts = np.zeros(steps + 1)
-    events = np.zeros(steps + 1, EVENT)
-    count = closed_loop(plant, damping, state, controller.packed(), fresh_memory(), states,
-                        efforts, events)
-    size = np.maximum(np.abs(states['position']), np.abs(states['velocity']))
+    position, velocity, effort = (np.zeros(steps + 1) for _ in range(3))
+    damping, events = np.zeros(steps), np.zeros(steps + 1, EVENT)
+    count = closed_loop(*axis.packed(), axis.start(), controller.packed(), fresh_memory(),
+                        position, velocity, damping, effort, events)
+    size = np.maximum(np.abs(position), np.abs(velocity))
     if not size.max() < DIVERGED:
-        first = states[np.flatnonzero(~(size < DIVERGED))[0]]
-        raise DivergedError(first['position'], first['velocity'],
-                            f'{first["tick"] * axis.time_step:g}')
-    return Run(
-        time=np.arange(steps + 1) * axis.time_step, position=states['position'].copy(),
-        velocity=states['velocity'].copy(), effort=efforts,
-        damping=states['damping'][1:].copy(), events=events[:count].copy())
+        first = int(np.flatnonzero(~(size < DIVERGED))[0])
+        raise DivergedError(position[first], velocity[first], f'{first * axis.time_step:g}')
+    return Run(time=np.arange(steps + 1) * axis.time_step, position=position, velocity=velocity,
+               effort=effort, damping=damping, events=events[:count].copy())
