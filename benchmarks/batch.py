@@ -29,6 +29,7 @@ from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.simulate import simulate
 
 SECONDS, STEPS = 1.0, 10_000
+REPEATS = 20
 CORES = numba.config.NUMBA_NUM_THREADS
 PLANTS = {
     'plain': Axis(F_c=0.0),
@@ -63,8 +64,11 @@ def rows(runs: int) -> dict[str, np.ndarray]:
 
 
 def scalar(axis: Axis) -> Callable[[], object]:
-    """Measure one run, recorded."""
-    return lambda: simulate(axis, Controller(), SECONDS)
+    """Measure runs one after another, each recorded."""
+    def measure() -> None:
+        for _ in range(REPEATS):
+            simulate(axis, Controller(), SECONDS)
+    return measure
 
 
 def batch(axis: Axis, runs: int, threads: int) -> Callable[[], object]:
@@ -79,7 +83,7 @@ def cases(runs: int) -> dict[str, tuple[Callable[[], object], float]]:
     """Return what is measured, and its run-steps per core."""
     made: dict[str, tuple[Callable[[], object], float]] = {'python_loop': (python_loop, STEPS)}
     for name, axis in PLANTS.items():
-        made[f'scalar_{name}'] = scalar(axis), STEPS
+        made[f'scalar_{name}'] = scalar(axis), REPEATS * STEPS
         made[f'batch_1_{name}'] = batch(axis, runs, 1), runs * STEPS
         made[f'batch_all_{name}'] = batch(axis, runs, CORES), runs * STEPS / CORES
     return made

@@ -37,23 +37,17 @@ class Run:
 
 
 @compiled
-def closed_loop(axis, profile, state, gains, memory, position, velocity, damping, effort, events):
-    """Fill the arrays of a `Run` of n steps; return the number of ``events``."""
+def closed_loop(axis, profile, state, gains, memory, position, velocity, effort, area, guard,
+                damping):
+    """Fill the arrays of n steps: ``damping`` of shape (n,), all others of shape (n + 1,)."""
     answer = np.zeros(1, ANSWER)[0]
-    count = 0
-    for k in range(len(effort)):
+    for k in range(len(position)):
         position[k], velocity[k] = state[0].position, state[0].velocity
         answer_sample(memory[0], gains[0], position[k], velocity[k], answer)
-        effort[k] = answer.effort
-        if answer.guard:
-            event = events[count]
-            event.tick, event.guard, event.area = k, answer.guard, answer.area
-            event.position, event.velocity = position[k], velocity[k]
-            count += 1
+        effort[k], area[k], guard[k] = answer.effort, answer.area, answer.guard
         if k < len(damping):
             step_state(axis[0], profile[0], state[0], answer.effort)
             damping[k] = state[0].damping
-    return count
 
 
 def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
@@ -79,13 +73,20 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     positive, and `DivergedError` when the motion leaves all bounds.
     """
     steps = steps_of(axis, controller, duration)
-    position, velocity, effort = (np.zeros(steps + 1) for _ in range(3))
-    damping, events = np.zeros(steps), np.zeros(steps + 1, EVENT)
-    count = closed_loop(*axis.packed(), axis.start(), controller.packed(), fresh_memory(),
-                        position, velocity, damping, effort, events)
-    size = np.maximum(np.abs(position), np.abs(velocity))
-    if not size.max() < DIVERGED:
+    position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
+    guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
+    closed_loop(*axis.packed(), axis.start(), controller.packed(), fresh_memory(), position,
+                velocity, effort, area, guard, damping)
+    if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
+        size = np.maximum(np.abs(position), np.abs(velocity))
         first = int(np.flatnonzero(~(size < DIVERGED))[0])
         raise DivergedError(position[first], velocity[first], f'{first * axis.time_step:g}')
-    return Run(time=np.arange(steps + 1) * axis.time_step, position=position, velocity=velocity,
-               effort=effort, damping=damping, events=events[:count].copy())
+    time = np.arange(steps + 1, dtype=float)
+    time *= axis.time_step
+    fired = np.flatnonzero(guard)
+    events = np.empty(len(fired), EVENT)
+    for name, values in (('tick', fired), ('guard', guard[fired]), ('area', area[fired]),
+                         ('position', position[fired]), ('velocity', velocity[fired])):
+        events[name] = values
+    return Run(time=time, position=position, velocity=velocity, effort=effort, damping=damping,
+               events=events)
