@@ -123,30 +123,31 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
 @compiled
 def short_step(position, velocity, effort, damping, inverse_m, friction, duration):
     """
-    Do `axis_step` without a branch, for one motion at most, which may end in a stick.
+    Do `axis_step` for one motion at most, which may end in a stick.
+
+    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
 
     Returns (position, velocity, whole); not ``whole`` when the axis turns within the step or
     the series do not reach that far, and the step is one for `long_step`.
     """
     rate = damping * inverse_m
-    slides = abs(effort) > friction
-    moves = velocity != 0.0
+    moves, slides = velocity != 0.0, abs(effort) > friction
     direction = sign(velocity) if moves else sign(effort)
     force = effort - friction * direction - damping * velocity
     acceleration = force * inverse_m if moves | slides else 0.0
-    phi1, _ = short_shapes(rate * duration)
+    phi1, phi2 = short_shapes(rate * duration)
+    x = position + velocity * duration + acceleration * duration * duration * phi2
     v = velocity + acceleration * duration * phi1
     stops = moves & (v * direction <= 0.0)
-    # The stop is at -log1p(-q) m / d with q = -d v / (m a), here by the series of log1p.
-    until = velocity / acceleration
-    q = -rate * until
-    stop = -until * (1.0 + q * (1 / 2 + q * (1 / 3 + q * (1 / 4 + q * (
-        1 / 5 + q * (1 / 6 + q * (1 / 7 + q * (1 / 8))))))))
-    time = min(max(stop, 0.0), duration) if stops else duration
-    _, phi2 = short_shapes(rate * time)
-    x = position + velocity * time + acceleration * time * time * phi2
     whole = (rate * duration < SHORT) & (not (stops & slides))
-    return x, 0.0 if stops else v, whole
+    if stops:
+        # With phi1 and phi2 at the stop, log1p in x is one series in q = -d v / (m a).
+        tau = -velocity / acceleration
+        q = rate * tau
+        share = 1 / 2 + q * (1 / 6 + q * (1 / 12 + q * (1 / 20 + q * (
+            1 / 30 + q * (1 / 42 + q * (1 / 56 + q * (1 / 72)))))))
+        x, v = position + velocity * tau * share, 0.0
+    return x, v, whole
 
 
 @compiled

@@ -44,17 +44,16 @@ GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
 
 class Gains(NamedTuple):
     """
-    What the law reads, every value as a float.
+    What the law reads, every value as a float, by the names of `Controller`.
 
-    By the names of `Controller`, with beta_ratio = d_bar / (2 c) [N s/m] and sample_rate =
-    1 / time_step [Hz], as divisions are slow.
+    Besides: position_gain = 2 alpha / abs(v) [kg], velocity_gain = 2 beta / abs(e) [N s/m],
+    sample_rate = 1 / time_step [Hz], and no effort_limit is an infinite one.
     """
 
-    m: float
     K: float
     D: float
-    alpha_ratio: float
-    beta_ratio: float
+    position_gain: float
+    velocity_gain: float
     x_r: float
     impulses: float
     effort_limit: float
@@ -123,7 +122,10 @@ class Controller(Parameters):
 
 def packed_gains(values: Mapping[str, Any], runs: int) -> np.ndarray:
     """Pack values, or arrays of shape (runs,), by the names of `Controller`: dtype GAINS."""
-    derived = {'beta_ratio': values['d_bar'] / (2.0 * values['c']),
+    limit = np.asarray(values['effort_limit'])
+    derived = {'position_gain': 2.0 * values['alpha_ratio'] * values['m'],
+               'velocity_gain': values['d_bar'] / values['c'],
+               'effort_limit': np.where(limit > 0.0, limit, np.inf),
                'sample_rate': 1.0 / values['time_step']}
     gains = np.zeros(runs, GAINS)
     for name in Gains._fields:
@@ -137,9 +139,8 @@ def fresh_memory() -> np.ndarray:
 
 
 @compiled
-def guard_of(memory, gains, position, direction):
+def guard_of(memory, gains, error, direction):
     """Return the guard that the sample meets; ``direction`` is the sign of the velocity."""
-    error = position - gains.x_r
     side, before = sign(error), sign(memory.position - gains.x_r)
     first = memory.started == 0.0
     stands, stood = direction == 0.0, memory.direction == 0.0
@@ -158,21 +159,20 @@ def guard_of(memory, gains, position, direction):
 
 
 @compiled
-def impulse_area(guard, gains, position, velocity):
+def impulse_area(guard, gains, error, velocity):
     """Return the area of the guard's impulse in N s: (17) with (19) and (26)."""
-    alpha = gains.alpha_ratio * gains.m * abs(velocity)
-    error = position - gains.x_r
-    beta = abs(error) * gains.beta_ratio
-    c_event = 1.0 if guard == STICKING else 2.0
-    towards = -c_event * beta * sign(error)
-    against = -2.0 * alpha * sign(velocity)
-    return 0.0 if guard == NO_IMPULSE else (against if guard == POSITION_ZERO else towards)
+    against = -gains.position_gain * velocity
+    towards = -gains.velocity_gain * error
+    share = 0.5 if guard == STICKING else 1.0  # c_event / 2
+    towards = share * towards
+    area = against if guard == POSITION_ZERO else towards
+    return 0.0 if guard == NO_IMPULSE else area
 
 
 @compiled
 def within(limit, effort):
-    """Clip ``effort`` to +-limit; a limit of 0 is none."""
-    return min(max(effort, -limit), limit) if limit > 0.0 else effort
+    """Clip ``effort`` to +-limit."""
+    return min(max(effort, -limit), limit)
 
 
 @compiled
@@ -180,23 +180,24 @@ def answered(memory, gains, position, velocity):
     """
     Do the law of one sample; return (effort [N], area [N s], guard, memory).
 
-    Without a branch, so that a batch answers several runs at once.
+    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
     """
+    error = position - gains.x_r
     direction = 0.0 if abs(velocity) <= gains.velocity_deadband else sign(velocity)
-    met = guard_of(memory, gains, position, direction)
+    met = guard_of(memory, gains, error, direction)
     guard = met if (memory.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
-    area = impulse_area(guard, gains, position, velocity)
+    area = impulse_area(guard, gains, error, velocity)
     pending = memory.pending + area if gains.impulses != 0.0 else 0.0
 
-    feedback = within(
-        gains.effort_limit, gains.K * (gains.x_r - position) - gains.D * velocity)
-    wanted = feedback + pending * gains.sample_rate
-    effort = within(gains.effort_limit, wanted)
-    waits = 0.0 if effort == wanted else pending - (effort - feedback) * gains.time_step
+    feedback = within(gains.effort_limit, -gains.K * error - gains.D * velocity)
+    effort, waits = feedback, 0.0
+    if pending != 0.0:
+        wanted = feedback + pending * gains.sample_rate
+        effort = within(gains.effort_limit, wanted)
+        waits = 0.0 if effort == wanted else pending - (effort - feedback) * gains.time_step
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)
     return effort, area, guard, Memory(
-        1.0, position, sign(position - gains.x_r), direction, gains.x_r, waits,
-        1.0 if pending != 0.0 else 0.0, hold)
+        1.0, position, sign(error), direction, gains.x_r, waits, pending, hold)
 
 
 @compiled
@@ -204,7 +205,7 @@ def answer_sample(memory, gains, position, velocity, answer):
     """Do `answered` on records: update ``memory``, fill ``answer``, in place."""
     before = Memory(memory.started, memory.position, memory.side, memory.direction, memory.x_r,
                     memory.pending, memory.pulsed, memory.hold)
-    law = Gains(gains.m, gains.K, gains.D, gains.alpha_ratio, gains.beta_ratio, gains.x_r,
+    law = Gains(gains.K, gains.D, gains.position_gain, gains.velocity_gain, gains.x_r,
                 gains.impulses, gains.effort_limit, gains.position_deadband,
                 gains.velocity_deadband, gains.hold_off, gains.time_step, gains.sample_rate)
     answer.effort, answer.area, answer.guard, after = answered(before, law, position, velocity)

@@ -9,8 +9,9 @@ k           tick          1     sample
 ==========  ============  ====  =====================================================
 
 A step of one run is a chain in which each operation waits for the one before. LANES runs side
-by side fill that waiting: the laws have no branch, so the inner loops over the lanes become
-vector instructions. The rare step that needs one (`short_step` says so) is taken alone.
+by side fill that waiting: the conditions in the laws only choose between values, so the inner
+loops over the lanes become vector instructions. The rare step that `short_step` does not cover
+is taken alone.
 
 A block holds LANES runs: the records of one run, each field an array over the lanes. It is one
 record, so that the compiler sees that these arrays do not overlap.
@@ -35,7 +36,7 @@ LANES = 32  # four vectors of eight: enough to fill the waiting, few enough for 
 CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
 NOW = np.dtype([(name, 'f8') for name in (
     'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
-    'inverse_m', 'next_position', 'next_velocity', 'whole', 'bounded')] + [('guard', 'i8')])
+    'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded')] + [('guard', 'i8')])
 
 
 def laned(record: np.dtype[np.void]) -> np.dtype[np.void]:
@@ -78,7 +79,7 @@ def answer_lanes(block):
     for j in range(LANES):
         memory = Memory(m.started[j], m.position[j], m.side[j], m.direction[j], m.x_r[j],
                         m.pending[j], m.pulsed[j], m.hold[j])
-        gains = Gains(g.m[j], g.K[j], g.D[j], g.alpha_ratio[j], g.beta_ratio[j], g.x_r[j],
+        gains = Gains(g.K[j], g.D[j], g.position_gain[j], g.velocity_gain[j], g.x_r[j],
                       g.impulses[j], g.effort_limit[j], g.position_deadband[j],
                       g.velocity_deadband[j], g.hold_off[j], g.time_step[j], g.sample_rate[j])
         now.effort[j], now.area[j], now.guard[j], after = answered(
@@ -132,18 +133,17 @@ def step_lanes(block):
     now, axis = block.now, block.axis
     left = LANES
     for j in range(LANES):
-        now.next_position[j], now.next_velocity[j], whole = short_step(
+        now.old_position[j], now.old_velocity[j] = now.position[j], now.velocity[j]
+        now.position[j], now.velocity[j], whole = short_step(
             now.position[j], now.velocity[j], now.effort[j], now.damping[j], now.inverse_m[j],
             axis.F_c[j], axis.time_step[j])
         now.whole[j] = 1.0 if whole else 0.0
         left -= 1 if whole else 0
     for j in range(LANES if left else 0):
         if now.whole[j] == 0.0:
-            now.next_position[j], now.next_velocity[j] = long_step(
-                now.position[j], now.velocity[j], now.effort[j], now.damping[j], axis.m[j],
-                axis.F_c[j], axis.time_step[j])
-    for j in range(LANES):
-        now.position[j], now.velocity[j] = now.next_position[j], now.next_velocity[j]
+            now.position[j], now.velocity[j] = long_step(
+                now.old_position[j], now.old_velocity[j], now.effort[j], now.damping[j],
+                axis.m[j], axis.F_c[j], axis.time_step[j])
 
 
 @compiled
