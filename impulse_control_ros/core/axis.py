@@ -24,7 +24,7 @@ It vanishes at t = -log1p(d v / (m a)) m / d: the stop is an instant, found, not
 There the axis stays when abs(u) <= F_c (it sticks), and else moves on in the direction of u.
 
 While d dt / m is small, as at any sensible time step, series replace exp and log1p: exact to
-the last bits, faster, and free of branches, so that a batch steps several runs at once.
+the last bits, faster, and of one form for every run, so that a batch steps many at once.
 """
 
 from dataclasses import dataclass
