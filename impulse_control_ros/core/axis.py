@@ -22,15 +22,18 @@ a = (u - F_c s - d v) / m the acceleration at the start of the motion in directi
 
 It vanishes at t = -log1p(d v / (m a)) m / d: the stop is an instant, found, not stepped over.
 There the axis stays when abs(u) <= F_c (it sticks), and else moves on in the direction of u.
+
+While d dt / m is small, as at any sensible time step, series replace exp and log1p: exact to
+the last bits, faster, and of one form for every run, so that a batch steps many at once.
 """
 
 from dataclasses import dataclass
 import math
 
-import numba
 import numpy as np
 
 from impulse_control_ros.core.damping import Damping, damping_at
+from impulse_control_ros.core.kernel import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
@@ -39,6 +42,7 @@ AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
 STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
                   ('damping', 'f8'), ('noise', 'f8')])
+SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
 
 class DivergedError(ArithmeticError):
@@ -78,17 +82,23 @@ class Axis(Parameters):
         return state
 
 
-@numba.njit(cache=True)
+@compiled
+def short_shapes(z):
+    """Return phi1 and phi2 by their series, to the last bits for z < SHORT."""
+    phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z * (1 / 5040)))))
+    return 1.0 - z * phi2, phi2
+
+
+@compiled
 def shapes(z):
-    """Return phi1 and phi2; the series below 1e-2 is exact to the last bits, and faster."""
-    if z < 1e-2:
-        phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
-        return 1.0 - z * phi2, phi2
+    """Return phi1 and phi2."""
+    if z < SHORT:
+        return short_shapes(z)
     phi1 = -math.expm1(-z) / z
     return phi1, (1.0 - phi1) / z
 
 
-@numba.njit(cache=True)
+@compiled
 def moved(position, velocity, acceleration, rate, duration):
     """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
     phi1, phi2 = shapes(rate * duration)
@@ -96,7 +106,7 @@ def moved(position, velocity, acceleration, rate, duration):
             velocity + acceleration * duration * phi1)
 
 
-@numba.njit(cache=True)
+@compiled
 def axis_step(position, velocity, effort, damping, m, friction, duration):
     """
     Step the axis exactly over ``duration`` seconds of constant effort and damping.
@@ -104,6 +114,45 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
     Scalars in SI units; returns (position, velocity) at the end. A velocity of exactly zero
     means that the axis stands.
     """
+    x, v, whole = short_step(position, velocity, effort, damping, 1.0 / m, friction, duration)
+    if whole:
+        return x, v
+    return long_step(position, velocity, effort, damping, m, friction, duration)
+
+
+@compiled
+def short_step(position, velocity, effort, damping, inverse_m, friction, duration):
+    """
+    Do `axis_step` for one motion at most, which may end in a stick.
+
+    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
+
+    Returns (position, velocity, whole); not ``whole`` when the axis turns within the step or
+    the series do not reach that far, and the step is one for `long_step`.
+    """
+    rate = damping * inverse_m
+    moves, slides = velocity != 0.0, abs(effort) > friction
+    direction = sign(velocity) if moves else sign(effort)
+    force = effort - friction * direction - damping * velocity
+    acceleration = force * inverse_m if moves | slides else 0.0
+    phi1, phi2 = short_shapes(rate * duration)
+    x = position + velocity * duration + acceleration * duration * duration * phi2
+    v = velocity + acceleration * duration * phi1
+    stops = moves & (v * direction <= 0.0)
+    whole = (rate * duration < SHORT) & (not (stops & slides))
+    if stops:
+        # With phi1 and phi2 at the stop, log1p in x is one series in q = -d v / (m a).
+        tau = -velocity / acceleration
+        q = rate * tau
+        share = 1 / 2 + q * (1 / 6 + q * (1 / 12 + q * (1 / 20 + q * (
+            1 / 30 + q * (1 / 42 + q * (1 / 56 + q * (1 / 72)))))))
+        x, v = position + velocity * tau * share, 0.0
+    return x, v, whole
+
+
+@compiled
+def long_step(position, velocity, effort, damping, m, friction, duration):
+    """Do `axis_step` motion by motion, over any duration."""
     rate = damping / m
     if velocity != 0.0:
         direction = 1.0 if velocity > 0.0 else -1.0
@@ -124,7 +173,7 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
     return moved(position, 0.0, push / m, rate, duration)
 
 
-@numba.njit(cache=True)
+@compiled
 def step_state(axis, damping, state, effort):
     """Advance the record ``state`` by one sample under ``effort`` [N], in place."""
     damping_at(damping, state)
@@ -134,7 +183,7 @@ def step_state(axis, damping, state, effort):
     state.tick += 1
 
 
-@numba.njit(cache=True)
+@compiled
 def plant_step(axis, damping, state, effort):
     """Do `step_state` on arrays of shape (1,): the form the plant node calls."""
     step_state(axis[0], damping[0], state[0], effort)

@@ -16,17 +16,20 @@ the bounds (1.2 % of the time) is held at them. White noise is a hash of (seed, 
 the same whoever computes it, in whatever order: node, simulation, or a batch on many cores.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
-import numba
 import numpy as np
 
+from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import parameter, Parameters, refusal
 
 KINDS = ('constant', 'noise', 'sinusoidal')
+CONSTANT, NOISE, SINUSOIDAL = range(3)
 DAMPING = np.dtype([('kind', 'i8'), ('value', 'f8'), ('lower', 'f8'), ('upper', 'f8'),
-                    ('pole', 'f8'), ('gain', 'f8'), ('angle', 'f8'), ('seed', 'u8')])
+                    ('pole', 'f8'), ('gain', 'f8'), ('turn', 'f8'), ('seed', 'u8')])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,13 +59,24 @@ class Damping(Parameters):
 
     def packed(self, time_step: float) -> np.ndarray:
         """Return the kernels' view: shape (1,), dtype DAMPING."""
-        angle = 2.0 * math.pi * self.bandwidth * time_step
-        pole = math.exp(-angle)
-        return np.array([(KINDS.index(self.kind), self.value, self.lower, self.upper,
-                          pole, math.sqrt(1.0 - pole * pole), angle, self.seed)], DAMPING)
+        return packed_damping(self.flat(), time_step, 1)
 
 
-@numba.njit(cache=True)
+def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
+    """Pack values, or arrays of shape (runs,), by the names of `Damping`: dtype DAMPING."""
+    profile = np.zeros(runs, DAMPING)
+    for name in ('value', 'lower', 'upper', 'seed'):
+        profile[name] = values[name]
+    for index, kind in enumerate(KINDS):
+        profile['kind'][np.asarray(values['kind']) == kind] = index
+    profile['turn'] = np.asarray(values['bandwidth']) * time_step
+    # math's exp, value by value: numpy's differs in the last bit from machine to machine.
+    profile['pole'] = [math.exp(-2.0 * math.pi * turn) for turn in profile['turn'].tolist()]
+    profile['gain'] = np.sqrt(1.0 - profile['pole'] * profile['pole'])
+    return profile
+
+
+@compiled
 def white(seed, tick):
     """Return white noise of unit variance: uniform, from the splitmix64 hash of both."""
     z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(tick)
@@ -74,18 +88,43 @@ def white(seed, tick):
     return (np.float64(z >> np.uint64(11)) * 2.0**-53 - 0.5) * math.sqrt(12.0)
 
 
-@numba.njit(cache=True)
+@compiled
+def filtered(noise, pole, gain, seed, tick):
+    """Return the filtered noise of sample ``tick`` from that of the sample before."""
+    fresh = white(seed, tick)
+    return fresh if tick == 0 else pole * noise + gain * fresh
+
+
+@compiled
+def sine(turns):
+    """Return sin(2 pi turns) by its series: the same bits on any machine, without a branch."""
+    part = turns - np.floor(turns + 0.5)
+    part = 0.5 - part if part > 0.25 else (-0.5 - part if part < -0.25 else part)
+    angle = 2.0 * math.pi * part
+    square = angle * angle
+    term = series = angle
+    for order in range(2, 22, 2):
+        term *= -square / (order * (order + 1.0))
+        series += term
+    return series
+
+
+@compiled
+def within_bounds(kind, value, lower, upper, noise, wave):
+    """Return d of a profile from its filtered noise or its sine wave."""
+    share = 0.2 * noise if kind == NOISE else 0.5 * wave
+    wanted = 0.5 * (lower + upper) + (upper - lower) * share
+    return value if kind == CONSTANT else min(max(wanted, lower), upper)
+
+
+@compiled
 def damping_at(profile, state):
     """Set ``damping``, and the filter's ``noise``, for the sample that starts at the tick."""
-    if profile.kind == 0:
-        state.damping = profile.value
-        return
-    middle, width = 0.5 * (profile.lower + profile.upper), profile.upper - profile.lower
-    if profile.kind == 1:
-        fresh = white(profile.seed, state.tick)
-        state.noise = fresh if state.tick == 0 else (
-            profile.pole * state.noise + profile.gain * fresh)
-        wanted = middle + 0.2 * width * state.noise
-    else:
-        wanted = middle + 0.5 * width * math.sin(profile.angle * state.tick)
-    state.damping = min(max(wanted, profile.lower), profile.upper)
+    wave = 0.0
+    if profile.kind == NOISE:
+        state.noise = filtered(
+            state.noise, profile.pole, profile.gain, profile.seed, state.tick)
+    elif profile.kind == SINUSOIDAL:
+        wave = sine(profile.turn * state.tick)
+    state.damping = within_bounds(
+        profile.kind, profile.value, profile.lower, profile.upper, state.noise, wave)

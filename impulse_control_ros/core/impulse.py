@@ -28,23 +28,57 @@ guards rest until it has left, or until impulses are switched off. After a posit
 impulse starts for hold_off samples.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from impulse_control_ros.core.kernel import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
 
-GAINS = np.dtype([('m', 'f8'), ('K', 'f8'), ('D', 'f8'), ('d_bar', 'f8'), ('c', 'f8'),
-                  ('alpha_ratio', 'f8'), ('x_r', 'f8'), ('impulses', 'i8'),
-                  ('effort_limit', 'f8'), ('position_deadband', 'f8'),
-                  ('velocity_deadband', 'f8'), ('hold_off', 'i8'), ('time_step', 'f8')])
-MEMORY = np.dtype([('started', 'i8'), ('position', 'f8'), ('side', 'f8'), ('direction', 'f8'),
-                   ('x_r', 'f8'), ('pending', 'f8'), ('pulsed', 'i8'), ('hold', 'i8')])
+
+class Gains(NamedTuple):
+    """
+    What the law reads, every value as a float, by the names of `Controller`.
+
+    Besides: position_gain = 2 alpha / abs(v) [kg], velocity_gain = 2 beta / abs(e) [N s/m],
+    sample_rate = 1 / time_step [Hz], and no effort_limit is an infinite one.
+    """
+
+    K: float
+    D: float
+    position_gain: float
+    velocity_gain: float
+    x_r: float
+    impulses: float
+    effort_limit: float
+    position_deadband: float
+    velocity_deadband: float
+    hold_off: float
+    time_step: float
+    sample_rate: float
+
+
+class Memory(NamedTuple):
+    """What the guards remember of the sample before, and the area that waits to leave."""
+
+    started: float
+    position: float
+    side: float
+    direction: float
+    x_r: float
+    pending: float
+    pulsed: float
+    hold: float
+
+
+GAINS = np.dtype([(name, 'f8') for name in Gains._fields])
+MEMORY = np.dtype([(name, 'f8') for name in Memory._fields])
 ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8')])
 
 
@@ -83,7 +117,20 @@ class Controller(Parameters):
 
     def packed(self) -> np.ndarray:
         """Return the kernels' view: shape (1,), dtype GAINS."""
-        return np.array([tuple(getattr(self, name) for name in GAINS.fields or ())], GAINS)
+        return packed_gains(self.flat(), 1)
+
+
+def packed_gains(values: Mapping[str, Any], runs: int) -> np.ndarray:
+    """Pack values, or arrays of shape (runs,), by the names of `Controller`: dtype GAINS."""
+    limit = np.asarray(values['effort_limit'])
+    derived = {'position_gain': 2.0 * values['alpha_ratio'] * values['m'],
+               'velocity_gain': values['d_bar'] / values['c'],
+               'effort_limit': np.where(limit > 0.0, limit, np.inf),
+               'sample_rate': 1.0 / values['time_step']}
+    gains = np.zeros(runs, GAINS)
+    for name in Gains._fields:
+        gains[name] = derived[name] if name in derived else values[name]
+    return gains
 
 
 def fresh_memory() -> np.ndarray:
@@ -91,89 +138,83 @@ def fresh_memory() -> np.ndarray:
     return np.zeros(1, MEMORY)
 
 
-@numba.njit(cache=True)
-def sign(value):
-    """Return -1, 0 or 1."""
-    return 1.0 if value > 0.0 else (-1.0 if value < 0.0 else 0.0)
-
-
-@numba.njit(cache=True)
-def guard_of(memory, gains, position, direction):
+@compiled
+def guard_of(memory, gains, error, direction):
     """Return the guard that the sample meets; ``direction`` is the sign of the velocity."""
-    error = position - gains.x_r
-    side = sign(error)
-    if memory.started:
-        before = sign(memory.position - gains.x_r)
-        crossed = memory.side != 0.0 and side != memory.side and side != before
-    else:
-        crossed = side == 0.0
-    if crossed and direction != 0.0:
-        return POSITION_ZERO
-    if memory.pending != 0.0 or abs(error) <= gains.position_deadband:
-        return NO_IMPULSE
-    if direction == 0.0 and (not memory.started or memory.x_r != gains.x_r):
-        return VELOCITY_ZERO
-    if direction == 0.0 and memory.direction == 0.0:
-        return STICKING
-    if memory.direction != 0.0 and direction != memory.direction and not memory.pulsed:
-        return VELOCITY_ZERO
-    return NO_IMPULSE
+    side, before = sign(error), sign(memory.position - gains.x_r)
+    first = memory.started == 0.0
+    stands, stood = direction == 0.0, memory.direction == 0.0
+
+    turned = (direction != memory.direction) & (not stood) & (memory.pulsed == 0.0)
+    crossed = (memory.side != 0.0) & (side != memory.side) & (side != before)
+    crossed = side == 0.0 if first else crossed
+
+    # From the weakest claim to the strongest.
+    guard = VELOCITY_ZERO if turned else NO_IMPULSE
+    guard = STICKING if stands & stood else guard
+    guard = VELOCITY_ZERO if stands & (first | (memory.x_r != gains.x_r)) else guard
+    rests = (memory.pending != 0.0) | (abs(error) <= gains.position_deadband)
+    guard = NO_IMPULSE if rests else guard
+    return POSITION_ZERO if crossed & (not stands) else guard
 
 
-@numba.njit(cache=True)
-def impulse_area(guard, gains, position, velocity):
+@compiled
+def impulse_area(guard, gains, error, velocity):
     """Return the area of the guard's impulse in N s: (17) with (19) and (26)."""
-    if guard == POSITION_ZERO:
-        alpha = gains.alpha_ratio * gains.m * abs(velocity)
-        return -2.0 * alpha * sign(velocity)
-    error = position - gains.x_r
-    beta = abs(error) * gains.d_bar / (2.0 * gains.c)
-    c_event = 1.0 if guard == STICKING else 2.0
-    return -c_event * beta * sign(error)
+    against = -gains.position_gain * velocity
+    towards = -gains.velocity_gain * error
+    share = 0.5 if guard == STICKING else 1.0  # c_event / 2
+    towards = share * towards
+    area = against if guard == POSITION_ZERO else towards
+    return 0.0 if guard == NO_IMPULSE else area
 
 
-@numba.njit(cache=True)
+@compiled
 def within(limit, effort):
-    """Clip ``effort`` to +-limit; a limit of 0 is none."""
-    return min(max(effort, -limit), limit) if limit > 0.0 else effort
+    """Clip ``effort`` to +-limit."""
+    return min(max(effort, -limit), limit)
 
 
-@numba.njit(cache=True)
-def answer_sample(memory, gains, position, velocity, answer):
-    """Do the law of one sample on records: update ``memory``, fill ``answer``, in place."""
+@compiled
+def answered(memory, gains, position, velocity):
+    """
+    Do the law of one sample; return (effort [N], area [N s], guard, memory).
+
+    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
+    """
+    error = position - gains.x_r
     direction = 0.0 if abs(velocity) <= gains.velocity_deadband else sign(velocity)
-    guard = NO_IMPULSE
-    if memory.hold > 0:
-        memory.hold -= 1
-    elif gains.impulses:
-        guard = guard_of(memory, gains, position, direction)
-    if not gains.impulses:
-        memory.pending = 0.0
-    answer.guard = guard
-    answer.area = 0.0
-    if guard != NO_IMPULSE:
-        answer.area = impulse_area(guard, gains, position, velocity)
-        memory.pending += answer.area
-        if guard == POSITION_ZERO:
-            memory.hold = gains.hold_off
+    met = guard_of(memory, gains, error, direction)
+    guard = met if (memory.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
+    area = impulse_area(guard, gains, error, velocity)
+    pending = memory.pending + area if gains.impulses != 0.0 else 0.0
 
-    wanted = gains.K * (gains.x_r - position) - gains.D * velocity
-    feedback = within(gains.effort_limit, wanted)
-    answer.effort = feedback
-    memory.pulsed = memory.pending != 0.0
-    if memory.pulsed:
-        pulse = memory.pending / gains.time_step
-        answer.effort = within(gains.effort_limit, feedback + pulse)
-        if answer.effort == feedback + pulse:
-            memory.pending = 0.0
-        else:
-            memory.pending -= (answer.effort - feedback) * gains.time_step
-    memory.started = 1
-    memory.position, memory.side = position, sign(position - gains.x_r)
-    memory.direction, memory.x_r = direction, gains.x_r
+    feedback = within(gains.effort_limit, -gains.K * error - gains.D * velocity)
+    effort, waits = feedback, 0.0
+    if pending != 0.0:
+        wanted = feedback + pending * gains.sample_rate
+        effort = within(gains.effort_limit, wanted)
+        waits = 0.0 if effort == wanted else pending - (effort - feedback) * gains.time_step
+    hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)
+    return effort, area, guard, Memory(
+        1.0, position, sign(error), direction, gains.x_r, waits, pending, hold)
 
 
-@numba.njit(cache=True)
+@compiled
+def answer_sample(memory, gains, position, velocity, answer):
+    """Do `answered` on records: update ``memory``, fill ``answer``, in place."""
+    before = Memory(memory.started, memory.position, memory.side, memory.direction, memory.x_r,
+                    memory.pending, memory.pulsed, memory.hold)
+    law = Gains(gains.K, gains.D, gains.position_gain, gains.velocity_gain, gains.x_r,
+                gains.impulses, gains.effort_limit, gains.position_deadband,
+                gains.velocity_deadband, gains.hold_off, gains.time_step, gains.sample_rate)
+    answer.effort, answer.area, answer.guard, after = answered(before, law, position, velocity)
+    memory.started, memory.position, memory.side = after.started, after.position, after.side
+    memory.direction, memory.x_r, memory.pending = after.direction, after.x_r, after.pending
+    memory.pulsed, memory.hold = after.pulsed, after.hold
+
+
+@compiled
 def control(memory, gains, position, velocity, answer):
     """Do `answer_sample` on arrays of shape (1,): the form the controller node calls."""
     answer_sample(memory[0], gains[0], position, velocity, answer[0])

@@ -2,14 +2,61 @@
 Figures of merit of a recorded or simulated run.
 
 All take arrays of one run on the sampling grid: ``time`` [s] and ``error`` e = x - x_r [m].
+`figures` gives them all at once, from the same sums that a batch keeps while it runs:
+
+==================  =====  ======================================================
+name                unit   equation
+==================  =====  ======================================================
+settling_time       s      first time after which abs(e) stays within a tolerance
+overshoot           m      max of -sign(e_0) e
+iae                 m s    integral of abs(e), by the trapezoidal rule
+ise                 m^2 s  integral of e^2, by the trapezoidal rule
+position_zero ...   1      number of impulses of each guard
+impulse_area        N s    sum of abs(J)
+peak_effort         N      max of abs(u)
+peak_velocity       m/s    max of abs(v)
+final_error         m      e at the end
+diverged            1      whether a batch's run left all bounds; its figures are nan
+==================  =====  ======================================================
 """
 
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
 import numpy as np
+
+from impulse_control_ros.core.impulse import POSITION_ZERO, STICKING, VELOCITY_ZERO
+from impulse_control_ros.core.kernel import compiled, sign
+
+
+class Sums(NamedTuple):
+    """What a run adds up, sample by sample."""
+
+    overshoot: float
+    iae: float
+    ise: float
+    position_zero: float
+    velocity_zero: float
+    sticking: float
+    impulse_area: float
+    peak_effort: float
+    peak_velocity: float
+
+
+COUNTS = ('position_zero', 'velocity_zero', 'sticking')
+SUMS = np.dtype([(name, 'f8') for name in Sums._fields])
+
+
+def figures_dtype(tolerances: int) -> np.dtype[np.void]:
+    """Return the dtype of the figures of a run, with that many settling times."""
+    return np.dtype([('settling_time', 'f8', (tolerances,)),
+                     *((name, 'i8' if name in COUNTS else 'f8') for name in Sums._fields),
+                     ('final_error', 'f8'), ('diverged', '?')])
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, tolerance: float) -> float:
     """Return the first time [s] after which abs(e) stays within ``tolerance`` [m], or nan."""
-    outside = np.flatnonzero(np.abs(error) > tolerance)
+    outside = np.flatnonzero(~(np.abs(error) <= tolerance))  # nan is outside
     if outside.size == 0:
         return float(time[0])
     if outside[-1] + 1 == len(time):
@@ -31,3 +78,71 @@ def first_position_zero(error: np.ndarray) -> int | None:
     """Return the index of the first sample at or past e = 0, or None."""
     past = np.flatnonzero(np.sign(error) != np.sign(error[0]))
     return int(past[0]) if past.size else None
+
+
+@compiled
+def added(sums, side, error, velocity, effort, area, guard):
+    """Return the sums with one more sample; ``side`` is the sign of the first error."""
+    return Sums(
+        max(sums.overshoot, -side * error),
+        sums.iae + abs(error),
+        sums.ise + error * error,
+        sums.position_zero + (1.0 if guard == POSITION_ZERO else 0.0),
+        sums.velocity_zero + (1.0 if guard == VELOCITY_ZERO else 0.0),
+        sums.sticking + (1.0 if guard == STICKING else 0.0),
+        sums.impulse_area + abs(area),
+        max(sums.peak_effort, abs(effort)),
+        max(sums.peak_velocity, abs(velocity)))
+
+
+@compiled
+def outside_since(last, tick, error, tolerance):
+    """Return the last tick at which abs(e) was not within ``tolerance``; nan never is."""
+    return last if abs(error) <= tolerance else tick
+
+
+@compiled
+def add_up(error, velocity, effort, areas, guards, tolerances):
+    """Return the sums over a run, and for each tolerance the last tick outside, or -1."""
+    sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    outside = np.full(len(tolerances), -1.0)
+    for k in range(len(error)):
+        sums = added(sums, sign(error[0]), error[k], velocity[k], effort[k], areas[k], guards[k])
+        for i in range(len(tolerances)):
+            outside[i] = outside_since(outside[i], float(k), error[k], tolerances[i])
+    return sums, outside
+
+
+def conclude(sums: Mapping[str, np.ndarray], outside: np.ndarray, first: np.ndarray,
+             last: np.ndarray, steps: int, time_step: float) -> np.ndarray:
+    """
+    Return the figures of n runs of ``steps`` steps from their sums: shape (n,).
+
+    The errors at the ends are ``first`` and ``last`` [m], shape (n,) like each of the sums;
+    ``outside`` of shape (n, tolerances) is the last tick outside each tolerance, or -1.
+    """
+    result = np.zeros(outside.shape[0], figures_dtype(outside.shape[1]))
+    settled = outside + 1.0
+    result['settling_time'] = np.where(settled <= steps, settled * time_step, np.nan)
+    for name in Sums._fields:
+        result[name] = sums[name]
+    ends = 0.5 * (np.abs(first) + np.abs(last)), 0.5 * (first * first + last * last)
+    result['iae'] = (sums['iae'] - ends[0]) * time_step
+    result['ise'] = (sums['ise'] - ends[1]) * time_step
+    result['final_error'] = last
+    return result
+
+
+def figures(time: np.ndarray, error: np.ndarray, velocity: np.ndarray, effort: np.ndarray,
+            events: np.ndarray, tolerances: Sequence[float]) -> np.ndarray:
+    """
+    Return all figures of merit of a run: shape (1,), dtype `figures_dtype`.
+
+    ``time`` [s] from 0, ``error`` [m], ``velocity`` [m/s] and ``effort`` [N] have shape (n,),
+    the ``events`` fields tick, guard and area; the ``tolerances`` [m] are for settling.
+    """
+    areas, guards = np.zeros(len(time)), np.zeros(len(time), np.int64)
+    areas[events['tick']], guards[events['tick']] = events['area'], events['guard']
+    sums, outside = add_up(error, velocity, effort, areas, guards, np.array(tolerances, float))
+    return conclude({name: np.array([value]) for name, value in sums._asdict().items()},
+                    outside[np.newaxis], error[:1], error[-1:], len(time) - 1, float(time[1]))

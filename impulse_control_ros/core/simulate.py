@@ -6,11 +6,11 @@ At sample k the controller answers state k with effort k, which acts over [t_k, 
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from impulse_control_ros.core.axis import Axis, DIVERGED, DivergedError, step_state
 from impulse_control_ros.core.impulse import ANSWER, answer_sample, Controller, fresh_memory
+from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import ticks
 
@@ -36,23 +36,33 @@ class Run:
     events: np.ndarray
 
 
-@numba.njit(cache=True)
-def closed_loop(axis, damping, state, gains, memory, states, efforts, events):
-    """Fill ``states`` (n + 1,) and ``efforts`` (n + 1,); return the number of ``events``."""
+@compiled
+def closed_loop(axis, profile, state, gains, memory, position, velocity, effort, area, guard,
+                damping):
+    """Fill the arrays of n steps: ``damping`` of shape (n,), all others of shape (n + 1,)."""
     answer = np.zeros(1, ANSWER)[0]
-    count = 0
-    for k in range(len(efforts)):
-        states[k] = state[0]
-        answer_sample(memory[0], gains[0], state[0].position, state[0].velocity, answer)
-        efforts[k] = answer.effort
-        if answer.guard:
-            event = events[count]
-            event.tick, event.guard, event.area = k, answer.guard, answer.area
-            event.position, event.velocity = state[0].position, state[0].velocity
-            count += 1
-        if k + 1 < len(efforts):
-            step_state(axis[0], damping[0], state[0], answer.effort)
-    return count
+    for k in range(len(position)):
+        position[k], velocity[k] = state[0].position, state[0].velocity
+        answer_sample(memory[0], gains[0], position[k], velocity[k], answer)
+        effort[k], area[k], guard[k] = answer.effort, answer.area, answer.guard
+        if k < len(damping):
+            step_state(axis[0], profile[0], state[0], answer.effort)
+            damping[k] = state[0].damping
+
+
+def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
+    """
+    Return the number of steps in ``duration`` [s].
+
+    Raises `ParameterError` when the two disagree about the time step or there is no step.
+    """
+    if axis.time_step != controller.time_step:
+        raise refusal('time_step', controller.time_step,
+                      f'that of the axis, {axis.time_step:g} [s]')
+    steps = ticks(duration, axis.time_step)
+    if not steps > 0:
+        raise refusal('duration', duration, f'> {axis.time_step:g} [s]')
+    return steps
 
 
 def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
@@ -62,25 +72,21 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     Raises `ParameterError` when the two disagree about the time step or the duration is not
     positive, and `DivergedError` when the motion leaves all bounds.
     """
-    if axis.time_step != controller.time_step:
-        raise refusal('time_step', controller.time_step,
-                      f'that of the axis, {axis.time_step:g} [s]')
-    steps = ticks(duration, axis.time_step)
-    if not steps > 0:
-        raise refusal('duration', duration, f'> {axis.time_step:g} [s]')
-    plant, damping = axis.packed()
-    state = axis.start()
-    states = np.zeros(steps + 1, state.dtype)
-    efforts = np.zeros(steps + 1)
-    events = np.zeros(steps + 1, EVENT)
-    count = closed_loop(plant, damping, state, controller.packed(), fresh_memory(), states,
-                        efforts, events)
-    size = np.maximum(np.abs(states['position']), np.abs(states['velocity']))
-    if not size.max() < DIVERGED:
-        first = states[np.flatnonzero(~(size < DIVERGED))[0]]
-        raise DivergedError(first['position'], first['velocity'],
-                            f'{first["tick"] * axis.time_step:g}')
-    return Run(
-        time=np.arange(steps + 1) * axis.time_step, position=states['position'].copy(),
-        velocity=states['velocity'].copy(), effort=efforts,
-        damping=states['damping'][1:].copy(), events=events[:count].copy())
+    steps = steps_of(axis, controller, duration)
+    position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
+    guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
+    closed_loop(*axis.packed(), axis.start(), controller.packed(), fresh_memory(), position,
+                velocity, effort, area, guard, damping)
+    if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
+        size = np.maximum(np.abs(position), np.abs(velocity))
+        first = int(np.flatnonzero(~(size < DIVERGED))[0])
+        raise DivergedError(position[first], velocity[first], f'{first * axis.time_step:g}')
+    time = np.arange(steps + 1, dtype=float)
+    time *= axis.time_step
+    fired = np.flatnonzero(guard)
+    events = np.empty(len(fired), EVENT)
+    for name, values in (('tick', fired), ('guard', guard[fired]), ('area', area[fired]),
+                         ('position', position[fired]), ('velocity', velocity[fired])):
+        events[name] = values
+    return Run(time=time, position=position, velocity=velocity, effort=effort, damping=damping,
+               events=events)

@@ -5,7 +5,7 @@ from mpmath import exp, expm1, findroot, log, mp, mpf
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import axis_step, shapes
+from impulse_control_ros.core.axis import axis_step, long_step, shapes, short_step
 
 mp.dps = 40
 STEP = 1e-4
@@ -68,6 +68,19 @@ def test_any_step_is_the_closed_form(x, v, u, d, m, friction, duration):
     want_x, want_v = reference(x, v, u, d, m, friction, duration)
     assert got_x == pytest.approx(float(want_x), rel=1e-12, abs=1e-12)
     assert got_v == pytest.approx(float(want_v), rel=1e-9, abs=1e-11)
+
+
+@settings(max_examples=300, deadline=None)
+@given(quantity, st.floats(-0.01, 0.01), quantity, positive, positive, st.floats(0.0, 20.0),
+       st.sampled_from([1e-5, 1e-4, 1e-3]))
+def test_a_short_step_is_the_long_one_whenever_it_is_whole(x, v, u, d, m, friction, duration):
+    got_x, got_v, whole = short_step(x, v, u, d, 1.0 / m, friction, duration)
+    want_x, want_v = long_step(x, v, u, d, m, friction, duration)
+    turns = v != 0.0 and abs(u) > friction and np.sign(want_v) != np.sign(v)
+    assert whole == (d * (1.0 / m) * duration < 1e-2 and not turns)
+    if whole:
+        assert got_x == pytest.approx(want_x, rel=1e-13, abs=1e-15)
+        assert got_v == pytest.approx(want_v, rel=1e-10, abs=1e-14)
 
 
 @settings(max_examples=200, deadline=None)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.axis import STATE
-from impulse_control_ros.core.damping import Damping, damping_at, white
+from impulse_control_ros.core.damping import Damping, damping_at, sine, white
 
 STEP = 1e-4
 
@@ -38,6 +38,12 @@ def test_a_sinusoid_swings_between_the_bounds_at_its_frequency():
     values = profile(Damping(kind='sinusoidal', bandwidth=5.0), 2000)
     expected = 0.825 + 0.675 * np.sin(2 * np.pi * 5.0 * STEP * np.arange(2000))
     assert values == pytest.approx(expected, rel=1e-12)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.floats(0.0, 1e4))
+def test_the_sine_is_the_sine(turns):
+    assert sine(turns) == pytest.approx(np.sin(2.0 * np.pi * (turns % 1.0)), abs=1e-15)
 
 
 def test_a_seed_gives_the_same_bits_and_another_seed_others():

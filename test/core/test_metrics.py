@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.design import critical_damping, findings
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.metrics import first_position_zero, overshoot, peak, settling_time
+from impulse_control_ros.core.impulse import Controller, GUARDS
+from impulse_control_ros.core.metrics import (
+    COUNTS,
+    figures,
+    first_position_zero,
+    overshoot,
+    peak,
+    settling_time,
+)
+from impulse_control_ros.core.simulate import simulate
 
 TIME = np.arange(6) * 0.5
 
@@ -19,6 +28,7 @@ def test_settling_is_for_good(error, expected):
 
 def test_what_never_settles_has_no_settling_time():
     assert np.isnan(settling_time(TIME, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 0.1))
+    assert np.isnan(settling_time(TIME, np.array([1.0, 0.0, 0.0, 0.0, 0.0, np.nan]), 0.1))
 
 
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
@@ -35,6 +45,38 @@ def test_the_first_zero_is_the_first_sample_at_or_past_it():
 
 def test_a_peak_has_no_sign():
     assert peak(np.array([1.0, -4.0, 2.0])) == 4.0
+
+
+NO_EVENTS = np.zeros(0, [('tick', 'i8'), ('guard', 'i8'), ('area', 'f8')])
+
+
+@pytest.mark.parametrize('rate', [1.0, 3.0])
+def test_the_integrals_are_those_of_the_trapezoidal_rule(rate):
+    time = np.arange(50_001) * 1e-4
+    error = -0.5 * np.exp(-rate * time)
+    result = figures(time, error, rate * error, 0.0 * error, NO_EVENTS, [])[0]
+    whole = 1.0 - np.exp(-5.0 * rate), 1.0 - np.exp(-10.0 * rate)
+    assert result['iae'] == pytest.approx(0.5 / rate * whole[0], rel=1e-7)
+    assert result['ise'] == pytest.approx(0.125 / rate * whole[1], rel=1e-7)
+    assert result['iae'] == pytest.approx(np.trapezoid(np.abs(error), time), rel=1e-12)
+    assert result['ise'] == pytest.approx(np.trapezoid(error**2, time), rel=1e-12)
+
+
+@pytest.mark.parametrize('axis', [Axis(F_c=0.0), Axis(F_c=1.0, x_0=-0.15), Axis(F_c=0.0, v_0=9.0)])
+def test_all_figures_at_once_are_the_figures_one_by_one(axis):
+    run, tolerances = simulate(axis, Controller(x_r=0.01), 0.5), (1e-2, 1e-3, 1e-9)
+    error = run.position - 0.01
+    result = figures(run.time, error, run.velocity, run.effort, run.events, tolerances)[0]
+    assert result['settling_time'] == pytest.approx(
+        [settling_time(run.time, error, tolerance) for tolerance in tolerances], abs=0.0,
+        nan_ok=True)
+    assert result['overshoot'] == overshoot(error)
+    assert result['peak_effort'] == peak(run.effort)
+    assert result['peak_velocity'] == peak(run.velocity)
+    assert result['final_error'] == error[-1]
+    assert result['impulse_area'] == pytest.approx(np.abs(run.events['area']).sum(), rel=1e-12)
+    for name in COUNTS:
+        assert result[name] == np.count_nonzero(run.events['guard'] == GUARDS.index(name))
 
 
 def test_table_1_is_critically_damped_and_has_no_findings():
