@@ -1,33 +1,24 @@
 """
 The exact solution of (5) as the hybrid system (9)(10) with the jump map (17), event by event.
 
-Flow (9), in the error e = x - x_r, in the direction s of the motion, while no guard holds:
+============  ==================  =======  ====================================================
+symbol        name                unit     equation
+============  ==================  =======  ====================================================
+e, v          error, velocity     m, m/s   state of (8); e = x - x_r
+d             dampings            N s/m    damping (1), constant or constant in pieces
+f             flow                -        flow map (8)(9), in core/flow.py
+X_0, X'_0     guard               -        jump set of (10): `POSITION_ZERO`, `VELOCITY_ZERO`
+J             jump                -        jump map (17)
+alpha, beta   alpha_ratio, d_bar  N s      gains (19)(26) of the jumps, by `impulse_area`
+============  ==================  =======  ====================================================
 
-    m e'' + (d + D) e' + K e = -F_c s
-
-===========  ==================  =======  =====================================================
-symbol       name                unit     equation
-===========  ==================  =======  =====================================================
-e, v         error, velocity     m, m/s   state of (8); e = x - x_r
-s            direction           1        sign of the motion; 0 at rest
-g            rate                1/s      (d + D) / (2 m), minus the real pole of (20)
-w^2          stiffness           1/s^2    K / m, from A of (11)
-f            friction            m/s^2    F_c / m (section IV-C)
-r^2          curvature           1/s^2    w^2 - g^2: > 0 underdamped, 0 critically damped (20)
-X_0, X'_0    guard               -        jump set of (10): `POSITION_ZERO`, `VELOCITY_ZERO`
-alpha, beta  alpha_ratio, d_bar  N s      gains (19)(26) of the jumps, by `impulse_area`
-===========  ==================  =======  =====================================================
-
-With E = exp(-g t), C = cos(r t), h = E sin(r t) / r and H the integral of h, (12) reads
-
-    e(t) = e (E C + g h) + v h - f s H,    v(t) = v E C - (w^2 e + f s + g v) h.
-
-The next velocity zero has a closed form; so has the next position zero without friction, and
-with it Newton's method starts there. Both are found to the last bits, whatever the damping.
+Between events the motion has one direction, and Coulomb friction is constant there. At v = 0
+the axis sticks when K abs(e) <= F_c (section IV-C), for ever without impulses; an impulse
+releases it. A start at v = 0, or at e = 0, lies on the guard: the first jump is at t = 0.
 
 A jump at e = 0 leaves the state on the guard, and (10) can be read in two ways (`Reading`).
-The ideal system knows no sample: effort_limit, the dead bands and hold_off do not apply, and
-c_event (15) is always 2, for the first impulse on a standing axis releases it.
+The ideal system knows no samples: effort_limit, the dead bands, hold_off and time_step do not
+apply, and c_event (15) is always 2, for no velocity zero lasts.
 """
 
 from dataclasses import dataclass
@@ -39,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.flow import crossing, first_zero, flow
 from impulse_control_ros.core.impulse import (
     Controller,
     impulse_area,
@@ -75,87 +67,6 @@ class End(Enum):
 
 ENDS = tuple(End)
 DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, FLOWS = range(len(ENDS) + 1)
-
-
-@numba.njit(cache=True)
-def series(rate, stiffness, t):
-    """Return E C, h and H for a short time, where their closed forms cancel."""
-    before, term, n = 0.0, 1.0, 1.0
-    slope, first, second = 1.0, 1.0, 0.5
-    while abs(term) + abs(before) > 1e-18:
-        before, term = term, -t * (2.0 * rate * n * term + stiffness * t * before) / (n * (n + 1))
-        n += 1.0
-        slope += n * term
-        first += term
-        second += term / (n + 1)
-    return slope + rate * t * first, t * first, t * t * second
-
-
-@numba.njit(cache=True)
-def response(rate, stiffness, t):
-    """Return E C, h and H at time ``t`` [s]: (12), sound on both sides of critical damping."""
-    if max(rate * rate, stiffness) * t * t < 1e-2:
-        return series(rate, stiffness, t)
-    curvature = stiffness - rate * rate
-    if curvature > 0.0:
-        root, decay = math.sqrt(curvature), math.exp(-rate * t)
-        half, h = math.sin(0.5 * root * t), decay * math.sin(root * t) / root
-        fall = -math.expm1(-rate * t) + 2.0 * decay * half * half - rate * h
-        return decay * math.cos(root * t), h, fall / stiffness
-    root = math.sqrt(-curvature)
-    fast = rate + root
-    slow = stiffness / fast  # rate - root would cancel
-    decay = math.exp(-slow * t)
-    h = decay * (-math.expm1(-2.0 * root * t) / (2.0 * root) if root > 0.0 else t)
-    return decay - root * h, h, -math.expm1(-slow * t) / stiffness - h / fast
-
-
-@numba.njit(cache=True)
-def flow(error, velocity, direction, rate, stiffness, friction, t):
-    """Return error [m] and velocity [m/s] after ``t`` [s] of motion in one direction (9)(12)."""
-    cosine, h, integral = response(rate, stiffness, t)
-    push = friction * direction
-    return (error * (cosine + rate * h) + velocity * h - push * integral,
-            velocity * cosine - (stiffness * error + push + rate * velocity) * h)
-
-
-@numba.njit(cache=True)
-def first_zero(value, slope, rate, stiffness):
-    """
-    Return the first t > 0 with ``value`` C + ``slope`` sin(r t) / r = 0, or inf.
-
-    ``value`` >= 0; ``slope`` is the derivative plus ``rate`` times the value. A value that
-    starts at zero returns there after half a period.
-    """
-    curvature = stiffness - rate * rate
-    if curvature > 0.0:
-        root = math.sqrt(curvature)
-        return math.atan2(value * root, -slope) / root
-    root = math.sqrt(-curvature)
-    margin = -slope - root * value
-    if not margin > 0.0:
-        return math.inf
-    return math.log1p(2.0 * root * value / margin) / (2.0 * root) if root > 0.0 else value / margin
-
-
-@numba.njit(cache=True)
-def crossing(error, velocity, direction, rate, stiffness, friction, upper):
-    """Return the time [s] in (0, ``upper``] of e = 0, which the motion is known to cross."""
-    lower = 0.0
-    t = min(first_zero(abs(error), -direction * (velocity + rate * error), rate, stiffness),
-            upper)
-    for _ in range(100):
-        e, v = flow(error, velocity, direction, rate, stiffness, friction, t)
-        if direction * e < 0.0:
-            lower = t
-        else:
-            upper = t
-        closer = t - e / v if v != 0.0 else upper
-        if abs(closer - t) <= 2e-16 * t:
-            break
-        # Friction may bend Newton's step out of the bracket; bisect then.
-        t = closer if lower < closer < upper else 0.5 * (lower + upper)
-    return t
 
 
 @numba.njit(cache=True)
@@ -197,13 +108,11 @@ def ending(axis, gains, error, velocity, left):
 
 
 @numba.njit(cache=True)
-def with_room(arcs, count):
-    """Return ``arcs`` with room for one more than ``count``: longer ones when it is full."""
-    if count < len(arcs):
-        return arcs
-    longer = np.empty(4 * count, ARC)
-    longer[:count] = arcs
-    return longer
+def longer(arcs):
+    """Return ``arcs`` with room for four times as many."""
+    grown = np.empty(4 * len(arcs), ARC)
+    grown[:len(arcs)] = arcs
+    return grown
 
 
 @numba.njit(cache=True)
@@ -231,7 +140,8 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
         if end == FLOWS:
             end = ending(axis, gains, error, velocity, duration - t)
         direction = 0.0 if end != FLOWS else sign(velocity if velocity != 0.0 else -error)
-        arcs = with_room(arcs, count)
+        if count == len(arcs):
+            arcs = longer(arcs)
         arc = arcs[count]
         arc.time, arc.error, arc.velocity, arc.before = t, error, velocity, before
         arc.damping, arc.direction, arc.guard = dampings[piece], direction, guard
@@ -243,6 +153,19 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
         guard, elapsed, error, velocity = next_guard(
             error, velocity, direction, rate, stiffness, friction, until - t, gains.impulses)
         t = t + elapsed if elapsed < until - t else until
+
+
+@numba.njit(cache=True)
+def events_of(arcs, x_r):
+    """Return the jumps that start ``arcs``: dtype EVENT."""
+    events, count = np.empty(len(arcs), EVENT), 0
+    for arc in arcs:
+        if arc.guard != NO_IMPULSE:
+            event = events[count]
+            event.time, event.guard, event.position = arc.time, arc.guard, x_r + arc.error
+            event.velocity_before, event.velocity_after = arc.before, arc.velocity
+            count += 1
+    return events[:count]
 
 
 @numba.njit(cache=True)
@@ -325,13 +248,8 @@ def solve(
     arcs, end, end_time = trace(
         plant[0], gains[0], reading is Reading.STRICT, axis.x_0 - controller.x_r, axis.v_0,
         times, values, float(duration), event_limit)
-    jumps = arcs[arcs['guard'] != NO_IMPULSE]
-    events = np.empty(len(jumps), EVENT)
-    events['time'], events['guard'] = jumps['time'], jumps['guard']
-    events['position'] = controller.x_r + jumps['error']
-    events['velocity_before'], events['velocity_after'] = jumps['before'], jumps['velocity']
-    return Solution(events=events, end=ENDS[end], end_time=end_time, x_r=controller.x_r,
-                    arcs=arcs, axis=plant, gains=gains)
+    return Solution(events=events_of(arcs, controller.x_r), end=ENDS[end], end_time=end_time,
+                    x_r=controller.x_r, arcs=arcs, axis=plant, gains=gains)
 
 
 def check_pieces(breaks: np.ndarray, dampings: np.ndarray) -> None:
