@@ -70,7 +70,7 @@ DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, FLOWS = range(len(ENDS) + 
 
 
 @numba.njit(cache=True)
-def next_guard(error, velocity, direction, rate, stiffness, friction, span, impulses):
+def next_guard(error, velocity, direction, rate, stiffness, friction, span):
     """
     Flow to the first guard, for at most ``span`` seconds.
 
@@ -81,7 +81,7 @@ def next_guard(error, velocity, direction, rate, stiffness, friction, span, impu
     stop = first_zero(abs(velocity), -direction * pull, rate, stiffness)
     elapsed = stop if stop < span else span
     e, v = flow(error, velocity, direction, rate, stiffness, friction, elapsed)
-    if impulses and direction * error < 0.0 and direction * e >= 0.0:
+    if direction * error < 0.0 and direction * e >= 0.0:
         elapsed = crossing(error, velocity, direction, rate, stiffness, friction, elapsed)
         _, v = flow(error, velocity, direction, rate, stiffness, friction, elapsed)
         return POSITION_ZERO, elapsed, 0.0, v
@@ -151,7 +151,7 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
         until = min(breaks[piece], duration) if piece < len(breaks) else duration
         rate = (dampings[piece] + gains.D) / (2.0 * axis.m)
         guard, elapsed, error, velocity = next_guard(
-            error, velocity, direction, rate, stiffness, friction, until - t, gains.impulses)
+            error, velocity, direction, rate, stiffness, friction, until - t)
         t = t + elapsed if elapsed < until - t else until
 
 
