@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from impulse_control_ros.core.design import findings
+from impulse_control_ros.core.design import findings, Level
 from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.files.experiment import ControllerParameters
@@ -75,7 +75,10 @@ class Controller(ParameterNode):
 
     def _warn(self) -> None:
         for finding in findings(self.parameters):
-            self.get_logger().warning(finding)
+            if finding.level is Level.NOTE:
+                self.get_logger().info(finding.text)
+            else:
+                self.get_logger().warning(finding.text)
 
     def parameters_changed(self) -> None:
         """Let the next sample be answered with the new gains."""
