@@ -63,10 +63,12 @@ class End(Enum):
     STICKS = 'the axis sticks: it stands, and K abs(e) does not exceed F_c'
     EVENT_LIMIT = 'the limit of events is reached before the duration'
     ENDLESS_JUMPS = 'the jumps at e = 0 do not shrink the velocity: alpha_ratio m is too large'
+    DIVERGES = 'the impulses drive the motion beyond all bounds'
 
 
 ENDS = tuple(End)
-DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, FLOWS = range(len(ENDS) + 1)
+DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, DIVERGES, FLOWS = range(len(ENDS) + 1)
+BEYOND = 1e100  # far above any motion, far below overflow
 
 
 @numba.njit(cache=True)
@@ -104,6 +106,8 @@ def ending(axis, gains, error, velocity, left):
     """Return the index in ENDS of a state after its jump, ``left`` [s] before the duration."""
     if velocity == 0.0 and gains.K * abs(error) <= axis.F_c:
         return ORIGIN if error == 0.0 else STICKS
+    if abs(error) + abs(velocity) > BEYOND:
+        return DIVERGES
     return FLOWS if left > 0.0 else DURATION
 
 

@@ -329,6 +329,10 @@ def test_a_mass_taken_much_too_large_makes_the_strict_jumps_endless_and_the_boun
     assert solve(FIG_2, heavy, 1.0).end is End.ENDLESS_JUMPS
     speeds = np.abs(one_jump(FIG_2, heavy, 2.0).events['velocity_after'][1::2])
     assert np.all(np.diff(speeds) > 0.0)
+    grown = one_jump(FIG_2, heavy, 1e6)
+    assert grown.end is End.DIVERGES
+    assert grown.end_time < 1e6
+    assert np.isfinite(grown.at(np.linspace(0.0, grown.end_time, 999))).all()
 
 
 def test_a_limit_of_events_ends_the_solution_and_says_so():
