@@ -93,22 +93,32 @@ def next_guard(error, velocity, direction, rate, stiffness, friction, span):
 
 
 @numba.njit(cache=True)
-def jump(guard, gains, m, error, velocity, strict):
-    """Return the velocity [m/s] after the jump (17), and how the solution ends by it."""
-    after = velocity + impulse_area(guard, gains, error, velocity) / m
-    if guard == POSITION_ZERO and strict:
-        return (0.0, ORIGIN) if abs(after) < abs(velocity) else (after, ENDLESS_JUMPS)
-    return after, FLOWS
+def jump(guard, gains, m, error, velocity):
+    """Return the velocity [m/s] after one jump (17); without a guard there is none."""
+    if guard == NO_IMPULSE:
+        return velocity
+    return velocity + impulse_area(guard, gains, error, velocity) / m
 
 
 @numba.njit(cache=True)
-def ending(axis, gains, error, velocity, left):
-    """Return the index in ENDS of a state after its jump, ``left`` [s] before the duration."""
-    if velocity == 0.0 and gains.K * abs(error) <= axis.F_c:
-        return ORIGIN if error == 0.0 else STICKS
-    if abs(error) + abs(velocity) > BEYOND:
-        return DIVERGES
-    return FLOWS if left > 0.0 else DURATION
+def depart(axis, gains, strict, guard, error, velocity, left):
+    """
+    Take the jumps of one instant, ``left`` [s] before the duration.
+
+    Returns (velocity after them, direction of the motion that follows, index in ENDS).
+    """
+    after = jump(guard, gains, axis.m, error, velocity)
+    if guard == POSITION_ZERO and strict:
+        if abs(after) >= abs(velocity):
+            return after, 0.0, ENDLESS_JUMPS
+        after = 0.0  # the limit of the series
+    if after == 0.0 and gains.K * abs(error) <= axis.F_c:
+        return after, 0.0, ORIGIN if error == 0.0 else STICKS
+    if abs(error) + abs(after) > BEYOND:
+        return after, 0.0, DIVERGES
+    if left <= 0.0:
+        return after, 0.0, DURATION
+    return after, sign(after if after != 0.0 else -error), FLOWS
 
 
 @numba.njit(cache=True)
@@ -128,22 +138,18 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
     ARC, then the index of the end in ENDS and its time [s].
     """
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
-    arcs, count, events, piece, t, end = np.empty(128, ARC), 0, 0, 0, 0.0, FLOWS
+    arcs, count, events, piece, t = np.empty(128, ARC), 0, 0, 0, 0.0
     guard = VELOCITY_ZERO if velocity == 0.0 else (POSITION_ZERO if error == 0.0 else NO_IMPULSE)
     while True:
-        before = velocity
         if not gains.impulses or (error == 0.0 and velocity == 0.0):
             guard = NO_IMPULSE
-        if guard != NO_IMPULSE:
-            if events == limit:
-                return arcs[:count], EVENT_LIMIT, t
-            velocity, end = jump(guard, gains, axis.m, error, velocity, strict)
-            events += 1
+        events += guard != NO_IMPULSE
+        if events > limit:
+            return arcs[:count], EVENT_LIMIT, t
         while piece < len(breaks) and breaks[piece] <= t:
             piece += 1
-        if end == FLOWS:
-            end = ending(axis, gains, error, velocity, duration - t)
-        direction = 0.0 if end != FLOWS else sign(velocity if velocity != 0.0 else -error)
+        before = velocity
+        velocity, direction, end = depart(axis, gains, strict, guard, error, before, duration - t)
         if count == len(arcs):
             arcs = longer(arcs)
         arc = arcs[count]
