@@ -51,7 +51,7 @@ EVENT = np.dtype([('time', 'f8'), ('guard', 'i8'), ('position', 'f8'),
 class Reading(Enum):
     """How (10) is read at e = 0, where the state after a jump lies on the guard again."""
 
-    STRICT = 'jump again and again: v shrinks to 0 at that instant, a series of (1 - 2 alpha)^n'
+    STRICT = 'jump again and again, each time by 1 - 2 alpha_ratio: at rest at that instant'
     ONE_JUMP = 'one jump for each crossing, then flow: the axis bounces'
 
 
