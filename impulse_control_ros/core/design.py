@@ -1,8 +1,47 @@
-"""Findings on a set of gains: legal values that are unwise, with the right value beside them."""
+"""
+Gains from requirements, predictions, and findings on a parameter set: legal, but unwise.
 
+============  ==========================  =======  ============================================
+symbol        name                        unit     equation
+============  ==========================  =======  ============================================
+D             `critical_damping`          N s/m    (d_bar + D)^2 = 4 m K, before (20)
+K             `least_stiffness`           N/m      the same with D = 0
+alpha         `alpha_bounds`              N s      0.5 m abs(v) <= alpha < m abs(v) (19)
+beta          `beta`                      N s      abs(e) d_bar / (2 c) (26)
+F_c / K       `dead_zone`                 m        where PD alone sticks (section IV-C)
+e_floor       `sampled_floor`             m        2 F_c dt / (kappa d_bar), kappa = 2 / c
+t_1           `first_zero_time`           s        first e = 0, from (12)
+v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
+============  ==========================  =======  ============================================
+
+The predictions are closed forms for constant damping without Coulomb friction, from rest, with
+the first impulse (25) when impulses act; core/hybrid.py has the exact motion of any other case.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
 import math
 
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.flow import first_zero, flow
 from impulse_control_ros.core.impulse import Controller
+
+
+class Level(Enum):
+    """How grave a finding is; the value says it in a sentence."""
+
+    ERROR = 'the loop does not work so'
+    WARNING = 'a condition of the paper does not hold'
+    NOTE = 'a consequence to know of'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One unwise value; ``text`` is a sentence that names it, its unit and the right one."""
+
+    level: Level
+    text: str
 
 
 def critical_damping(gains: Controller) -> float:
@@ -10,13 +49,147 @@ def critical_damping(gains: Controller) -> float:
     return 2.0 * math.sqrt(gains.m * gains.K) - gains.d_bar
 
 
-def findings(gains: Controller) -> list[str]:
-    """Return one sentence for each unwise value of ``gains``; none when all is well."""
+def least_stiffness(gains: Controller) -> float:
+    """Return the K [N/m] that d_bar alone damps critically: d_bar^2 / (4 m), as before (20)."""
+    return gains.d_bar**2 / (4.0 * gains.m)
+
+
+def alpha_bounds(m: float, velocity: float) -> tuple[float, float]:
+    """Return the least alpha [N s] and the one it stays below, at e = 0 (19)."""
+    return 0.5 * m * abs(velocity), m * abs(velocity)
+
+
+def beta(gains: Controller, error: float) -> float:
+    """Return beta [N s] at the error [m] of a velocity zero: abs(e) d_bar / (2 c) (26)."""
+    return abs(error) * gains.d_bar / (2.0 * gains.c)
+
+
+def dead_zone(gains: Controller, F_c: float) -> float:
+    """Return the error F_c / K [m] up to which a standing axis sticks under PD, section IV-C."""
+    return F_c / gains.K
+
+
+def sampled_floor(gains: Controller, F_c: float) -> float:
+    """
+    Return the error [m] below which a pulse of one sample does not overcome ``F_c`` [N].
+
+    The pulse is c_event beta / dt with c_event = 2 on arrival: 2 F_c dt / (kappa d_bar) with
+    kappa = 2 / c. K abs(e), which helps the pulse, is neglected beside it.
+    """
+    return gains.c * F_c * gains.time_step / gains.d_bar
+
+
+def first_zero_time(gains: Controller, d: float) -> float:
+    """
+    Return when [s] the axis with damping ``d`` [N s/m], started at rest, first has e = 0.
+
+    It is the first zero of (12) from e = 1, v = -d_bar / (c m) (17)(26), or v = 0 without
+    impulses; as all is linear, it is the same from any start. inf when there is none.
+    """
+    rate, stiffness, v = _start(gains, d)
+    return float(first_zero(1.0, v + rate, rate, stiffness))
+
+
+def peak_speed(gains: Controller, d: float, error: float) -> float:
+    """
+    Return the largest abs(v) [m/s] from rest at ``error`` [m] up to the first e = 0.
+
+    It is abs(v) after the first impulse, or where the acceleration vanishes, whose flow is (12)
+    too: its first zero follows from its start a = -(w^2 e + 2 g v) and jerk -(w^2 v + 2 g a).
+    """
+    rate, stiffness, v = _start(gains, d)
+    a = -(stiffness + 2.0 * rate * v)
+    fastest = first_zero(-a, stiffness * v + rate * a, rate, stiffness) if a < 0.0 else 0.0
+    if fastest < first_zero(1.0, v + rate, rate, stiffness):
+        v = flow(1.0, v, -1.0, rate, stiffness, 0.0, fastest)[1]
+    return float(abs(v * error))
+
+
+def _start(gains: Controller, d: float) -> tuple[float, float, float]:
+    """Return g, w^2 and the velocity after the first impulse at e = 1 (17)."""
+    v = -2.0 * beta(gains, 1.0) / gains.m if gains.impulses else 0.0
+    return (d + gains.D) / (2.0 * gains.m), gains.K / gains.m, v
+
+
+def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
+    """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
+    found = [*_on_damping(gains), *_on_guards(gains)]
+    if axis is not None:
+        found += [*_on_mass(gains, axis), *_on_bound(gains, axis), *_on_friction(gains, axis)]
+        if gains.time_step != axis.time_step:
+            found.append(Finding(level=Level.ERROR, text=(
+                f'time_step = {gains.time_step:g} s of the controller is not that of the axis, '
+                f'{axis.time_step:g} s')))
+    return found
+
+
+def _on_damping(gains: Controller) -> Iterator[Finding]:
+    """Judge D by `critical_damping`."""
     right = critical_damping(gains)
     if math.isclose(gains.D, right, rel_tol=1e-6, abs_tol=1e-9):
-        return []
-    least = gains.d_bar**2 / (4.0 * gains.m)
+        return
     remedy = f'D = {right:g} N s/m is' if right >= 0 else (
-        f'no D is, for d_bar alone overdamps; K = {least:g} N/m with D = 0 is')
-    return [f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
-            f'((d_bar + D)^2 != 4 m K): {remedy}']
+        f'no D is, for d_bar alone overdamps; K = {least_stiffness(gains):g} N/m with D = 0 is')
+    yield Finding(level=Level.WARNING, text=(
+        f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
+        f'((d_bar + D)^2 != 4 m K): {remedy}'))
+
+
+def _on_guards(gains: Controller) -> Iterator[Finding]:
+    """Judge what makes the jumps other than the paper's figures show them."""
+    if gains.impulses and gains.c == 1.0:
+        yield Finding(level=Level.NOTE, text=(
+            'c = 1 makes the impulse of a velocity zero twice that of (25), for c_event is 2 '
+            'there (15): c = 2 gives (25), and half of it while the axis sticks'))
+    if gains.impulses and gains.hold_off > 0:
+        yield Finding(level=Level.NOTE, text=(
+            f'hold_off = {gains.hold_off} samples allows one impulse for each position zero: the '
+            'axis bounces off e = 0 when it is long enough; hold_off = 0 brings it to rest there'))
+
+
+def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
+    """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
+    if math.isclose(gains.m, axis.m, rel_tol=1e-6):
+        return
+    ratio = gains.alpha_ratio * gains.m / axis.m
+    level, so = Level.NOTE, 'alpha stays within (19), but D is chosen for another mass'
+    if gains.impulses and ratio >= 1.0:
+        level, so = Level.ERROR, 'an impulse at e = 0 does not slow the axis down (19)'
+    elif gains.impulses and ratio < 0.5:
+        level, so = Level.WARNING, 'an impulse at e = 0 does not stop the axis (19)'
+    elif not gains.impulses:
+        so = 'D is chosen for another mass'
+    yield Finding(level=level, text=(
+        f'm = {gains.m:g} kg is not that of the axis, {axis.m:g} kg: {so}; (19) holds for m from '
+        f'{0.5 * axis.m / gains.alpha_ratio:g} to below {axis.m / gains.alpha_ratio:g} kg'))
+
+
+def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
+    """Judge d_bar by the damping (1)."""
+    damping = axis.damping
+    greatest = damping.value if damping.kind == 'constant' else damping.upper
+    if greatest > gains.d_bar:
+        yield Finding(level=Level.WARNING, text=(
+            f'd_bar = {gains.d_bar:g} N s/m is no bound of the damping (1), the axis may be '
+            f'overdamped and not reach e = 0: d_bar = {greatest:g} N s/m is'))
+
+
+def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
+    """Judge what Coulomb friction does to the end of the motion, section IV-C."""
+    if axis.F_c == 0.0:
+        return
+    if 0.0 < gains.effort_limit <= axis.F_c:
+        yield Finding(level=Level.ERROR, text=(
+            f'effort_limit = {gains.effort_limit:g} N does not exceed F_c = {axis.F_c:g} N: '
+            'nothing moves a standing axis'))
+    if not gains.impulses:
+        yield Finding(level=Level.NOTE, text=(
+            f'impulses = false leaves the axis sticking anywhere within F_c / K = '
+            f'{dead_zone(gains, axis.F_c):g} m of x_r'))
+        return
+    floor = sampled_floor(gains, axis.F_c)
+    if gains.position_deadband < floor:
+        yield Finding(level=Level.NOTE, text=(
+            f'position_deadband = {gains.position_deadband:g} m is below the sampled floor '
+            f'2 F_c dt / (kappa d_bar) = {floor:g} m: there the axis stays, with an impulse at '
+            f'every sample; position_deadband = {floor:g} m ends them'))

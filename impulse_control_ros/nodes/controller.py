@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from impulse_control_ros.core.design import findings
+from impulse_control_ros.core.design import Finding, findings, Level
 from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
@@ -71,7 +71,7 @@ class Controller(ParameterNode):
         self._plant: PeerParameters | None = None
         self._plant_known = False
         self._held = b''
-        self._findings: list[str] = []
+        self._findings: list[Finding] = []
         self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, EVENT_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
@@ -87,8 +87,13 @@ class Controller(ParameterNode):
         """Say what is unwise now, once."""
         before, self._findings = self._findings, findings(self.parameters)
         for finding in self._findings:
-            if finding not in before:
-                self.get_logger().warning(finding)
+            if finding in before:
+                continue
+            # rclpy takes one severity for each call
+            if finding.level is Level.NOTE:
+                self.get_logger().info(finding.text)
+            else:
+                self.get_logger().warning(finding.text)
 
     # -- the plant --------------------------------------------------------------------------
 

@@ -1,10 +1,9 @@
-"""Figures of merit and findings, against what is known in closed form."""
+"""Figures of merit, against what is known in closed form."""
 
 import numpy as np
 import pytest
 
 from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.design import critical_damping, findings
 from impulse_control_ros.core.impulse import Controller, GUARDS
 from impulse_control_ros.core.metrics import (
     COUNTS,
@@ -77,20 +76,3 @@ def test_all_figures_at_once_are_the_figures_one_by_one(axis):
     assert result['impulse_area'] == pytest.approx(np.abs(run.events['area']).sum(), rel=1e-12)
     for name in COUNTS:
         assert result[name] == np.count_nonzero(run.events['guard'] == GUARDS.index(name))
-
-
-def test_table_1_is_critically_damped_and_has_no_findings():
-    assert critical_damping(Controller()) == pytest.approx(0.5)
-    assert findings(Controller()) == []
-
-
-@pytest.mark.parametrize(('m', 'K', 'd_bar'), [(0.2, 10.0, 1.5), (0.1, 40.0, 0.3)])
-def test_the_recommended_damping_is_critical(m, K, d_bar):
-    gains = Controller(m=m, K=K, d_bar=d_bar)
-    right = critical_damping(gains)
-    assert (d_bar + right)**2 == pytest.approx(4 * m * K)
-    assert f'D = {right:g} N s/m is' in findings(gains)[0]
-
-
-def test_where_the_damping_alone_is_too_much_a_stiffness_is_recommended():
-    assert 'K = 22.5 N/m with D = 0 is' in findings(Controller(d_bar=3.0))[0]

@@ -1,0 +1,273 @@
+"""
+The exact solution of (5) as the hybrid system (9)(10) with the jump map (17), event by event.
+
+============  ==================  =======  ====================================================
+symbol        name                unit     equation
+============  ==================  =======  ====================================================
+e, v          error, velocity     m, m/s   state of (8); e = x - x_r
+d             dampings            N s/m    damping (1), constant or constant in pieces
+f             flow                -        flow map (8)(9), in core/flow.py
+X_0, X'_0     guard               -        jump set of (10): `POSITION_ZERO`, `VELOCITY_ZERO`
+J             jump                -        jump map (17)
+alpha, beta   alpha_ratio, d_bar  N s      gains (19)(26) of the jumps, by `impulse_area`
+============  ==================  =======  ====================================================
+
+Between events the motion has one direction, and Coulomb friction is constant there. At v = 0
+the axis sticks when K abs(e) <= F_c (section IV-C), for ever without impulses; an impulse
+releases it. A start at v = 0, or at e = 0, lies on the guard: the first jump is at t = 0.
+
+A jump at e = 0 leaves the state on the guard, and (10) can be read in two ways (`Reading`).
+The ideal system knows no samples: effort_limit, the dead bands, hold_off and time_step do not
+apply, and c_event (15) is always 2, for no velocity zero lasts.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.flow import crossing, first_zero, flow
+from impulse_control_ros.core.impulse import (
+    Controller,
+    impulse_area,
+    NO_IMPULSE,
+    POSITION_ZERO,
+    VELOCITY_ZERO,
+)
+from impulse_control_ros.core.kernel import sign
+from impulse_control_ros.core.parameter import refusal
+
+# An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
+ARC = np.dtype([('time', 'f8'), ('error', 'f8'), ('velocity', 'f8'), ('before', 'f8'),
+                ('damping', 'f8'), ('direction', 'f8'), ('guard', 'i8')])
+EVENT = np.dtype([('time', 'f8'), ('guard', 'i8'), ('position', 'f8'),
+                  ('velocity_before', 'f8'), ('velocity_after', 'f8')])
+
+
+class Reading(Enum):
+    """How (10) is read at e = 0, where the state after a jump lies on the guard again."""
+
+    STRICT = 'jump again and again, each time by 1 - 2 alpha_ratio: at rest at that instant'
+    ONE_JUMP = 'one jump for each crossing, then flow: the axis bounces'
+
+
+class End(Enum):
+    """Why a solution ends; the value says it in a sentence."""
+
+    DURATION = 'the duration is reached'
+    ORIGIN = 'the axis rests in the origin'
+    STICKS = 'the axis sticks: it stands, and K abs(e) does not exceed F_c'
+    EVENT_LIMIT = 'the limit of events is reached before the duration'
+    ENDLESS_JUMPS = 'the jumps at e = 0 do not shrink the velocity: alpha_ratio m is too large'
+    DIVERGES = 'the impulses drive the motion beyond all bounds'
+
+
+ENDS = tuple(End)
+DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, DIVERGES, FLOWS = range(len(ENDS) + 1)
+BEYOND = 1e100  # far above any motion, far below overflow
+
+
+@numba.njit(cache=True)
+def next_guard(error, velocity, direction, rate, stiffness, friction, span):
+    """
+    Flow to the first guard, for at most ``span`` seconds.
+
+    Returns (guard, elapsed time, error, velocity). Until its velocity zero the motion is
+    monotone, so it crosses e = 0 exactly when it comes from the other side and ends beyond.
+    """
+    pull = stiffness * error + friction * direction + rate * velocity
+    stop = first_zero(abs(velocity), -direction * pull, rate, stiffness)
+    elapsed = stop if stop < span else span
+    e, v = flow(error, velocity, direction, rate, stiffness, friction, elapsed)
+    if direction * error < 0.0 and direction * e >= 0.0:
+        elapsed = crossing(error, velocity, direction, rate, stiffness, friction, elapsed)
+        _, v = flow(error, velocity, direction, rate, stiffness, friction, elapsed)
+        return POSITION_ZERO, elapsed, 0.0, v
+    if stop <= span or direction * v <= 0.0:
+        return VELOCITY_ZERO, elapsed, e, 0.0
+    return NO_IMPULSE, elapsed, e, v
+
+
+@numba.njit(cache=True)
+def jump(guard, gains, m, error, velocity):
+    """Return the velocity [m/s] after one jump (17); without a guard there is none."""
+    if guard == NO_IMPULSE:
+        return velocity
+    return velocity + impulse_area(guard, gains, error, velocity) / m
+
+
+@numba.njit(cache=True)
+def depart(axis, gains, strict, guard, error, velocity, left):
+    """
+    Take the jumps of one instant, ``left`` [s] before the duration.
+
+    Returns (velocity after them, direction of the motion that follows, index in ENDS).
+    """
+    after = jump(guard, gains, axis.m, error, velocity)
+    if guard == POSITION_ZERO and strict:
+        if abs(after) >= abs(velocity):
+            return after, 0.0, ENDLESS_JUMPS
+        after = 0.0  # the limit of the series
+    if after == 0.0 and gains.K * abs(error) <= axis.F_c:
+        return after, 0.0, ORIGIN if error == 0.0 else STICKS
+    if abs(error) + abs(after) > BEYOND:
+        return after, 0.0, DIVERGES
+    if left <= 0.0:
+        return after, 0.0, DURATION
+    return after, sign(after if after != 0.0 else -error), FLOWS
+
+
+@numba.njit(cache=True)
+def longer(arcs):
+    """Return ``arcs`` with room for four times as many."""
+    grown = np.empty(4 * len(arcs), ARC)
+    grown[:len(arcs)] = arcs
+    return grown
+
+
+@numba.njit(cache=True)
+def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limit):
+    """
+    Chain jumps and arcs from (error, velocity) at t = 0.
+
+    ``breaks`` (n,) [s], ``dampings`` (n + 1,) [N s/m]. Returns the arcs, shape (count,), dtype
+    ARC, then the index of the end in ENDS and its time [s].
+    """
+    stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
+    arcs, count, events, piece, t = np.empty(128, ARC), 0, 0, 0, 0.0
+    guard = VELOCITY_ZERO if velocity == 0.0 else (POSITION_ZERO if error == 0.0 else NO_IMPULSE)
+    while True:
+        if not gains.impulses or (error == 0.0 and velocity == 0.0):
+            guard = NO_IMPULSE
+        events += guard != NO_IMPULSE
+        if events > limit:
+            return arcs[:count], EVENT_LIMIT, t
+        while piece < len(breaks) and breaks[piece] <= t:
+            piece += 1
+        before = velocity
+        velocity, direction, end = depart(axis, gains, strict, guard, error, before, duration - t)
+        if count == len(arcs):
+            arcs = longer(arcs)
+        arc = arcs[count]
+        arc.time, arc.error, arc.velocity, arc.before = t, error, velocity, before
+        arc.damping, arc.direction, arc.guard = dampings[piece], direction, guard
+        count += 1
+        if end != FLOWS:
+            return arcs[:count], end, t
+        until = min(breaks[piece], duration) if piece < len(breaks) else duration
+        rate = (dampings[piece] + gains.D) / (2.0 * axis.m)
+        guard, elapsed, error, velocity = next_guard(
+            error, velocity, direction, rate, stiffness, friction, until - t)
+        t = t + elapsed if elapsed < until - t else until
+
+
+@numba.njit(cache=True)
+def events_of(arcs, x_r):
+    """Return the jumps that start ``arcs``: dtype EVENT."""
+    events, count = np.empty(len(arcs), EVENT), 0
+    for arc in arcs:
+        if arc.guard != NO_IMPULSE:
+            event = events[count]
+            event.time, event.guard, event.position = arc.time, arc.guard, x_r + arc.error
+            event.velocity_before, event.velocity_after = arc.before, arc.velocity
+            count += 1
+    return events[:count]
+
+
+@numba.njit(cache=True)
+def evaluate(arcs, axis, gains, times, errors, velocities):
+    """Fill ``errors`` and ``velocities`` at ``times``, all (n,): after the jumps of a time."""
+    stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
+    at = 0
+    for i in range(len(times)):
+        if times[i] < arcs[at].time:
+            at = np.searchsorted(arcs['time'], times[i], 'right') - 1
+        while at + 1 < len(arcs) and arcs[at + 1].time <= times[i]:
+            at += 1
+        arc = arcs[at]
+        errors[i], velocities[i] = arc.error, arc.velocity
+        if arc.direction != 0.0:
+            rate = (arc.damping + gains.D) / (2.0 * axis.m)
+            errors[i], velocities[i] = flow(arc.error, arc.velocity, arc.direction, rate,
+                                            stiffness, friction, times[i] - arc.time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """
+    An exact solution.
+
+    ``events`` has dtype EVENT, one row a jump (the whole series of a strict one): time [s],
+    guard (index in `GUARDS`), position [m], velocity before and after [m/s]. ``end`` says why
+    the solution ends and ``end_time`` [s] when. ``arcs`` (dtype ARC), ``axis`` and ``gains``
+    are what `at` evaluates.
+    """
+
+    events: np.ndarray
+    end: End
+    end_time: float
+    x_r: float
+    arcs: np.ndarray
+    axis: np.ndarray
+    gains: np.ndarray
+
+    def at(self, time: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return position [m] and velocity [m/s] at ``time`` [s], in its shape.
+
+        At the time of a jump it is the state after it. An axis at rest stays there for ever.
+        Raises `ParameterError` for a time before 0 or after the end.
+        """
+        times = np.asarray(time, float)
+        last = math.inf if self.end in (End.ORIGIN, End.STICKS) else self.end_time
+        wrong = times[~((times >= 0.0) & (times <= last))]
+        if wrong.size:
+            raise refusal('time', float(wrong[0]), f'[0, {last:g}] [s]')
+        errors, velocities = np.empty(times.size), np.empty(times.size)
+        evaluate(self.arcs, self.axis[0], self.gains[0], times.ravel(), errors, velocities)
+        return self.x_r + errors.reshape(times.shape), velocities.reshape(times.shape)
+
+
+def solve(
+    axis: Axis, controller: Controller, duration: float, *, reading: Reading = Reading.STRICT,
+    breaks: npt.ArrayLike = (), dampings: npt.ArrayLike | None = None,
+    event_limit: int = 1_000_000,
+) -> Solution:
+    """
+    Solve the ideal closed loop from the axis' start, for at most ``duration`` seconds.
+
+    The damping is ``dampings[i]`` [N s/m], shape (n + 1,), from ``breaks[i - 1]`` to
+    ``breaks[i]`` [s], shape (n,), ascending; without ``dampings`` the axis' constant one.
+    Raises `ParameterError` for values that make no such motion.
+    """
+    if not 0.0 < duration < math.inf:
+        raise refusal('duration', duration, '> 0 and finite [s]')
+    if event_limit < 0:
+        raise refusal('event_limit', event_limit, '>= 0 [events]')
+    if dampings is None and axis.damping.kind != 'constant':
+        raise refusal('damping.kind', axis.damping.kind, 'constant, or pieces given by dampings')
+    times = np.array(breaks, float)
+    values = np.array([axis.damping.value] if dampings is None else dampings, float)
+    check_pieces(times, values)
+    plant, gains = axis.packed()[0], controller.packed()
+    gains['x_r'] = 0.0  # the solution is in e
+    arcs, end, end_time = trace(
+        plant[0], gains[0], reading is Reading.STRICT, axis.x_0 - controller.x_r, axis.v_0,
+        times, values, float(duration), event_limit)
+    return Solution(events=events_of(arcs, controller.x_r), end=ENDS[end], end_time=end_time,
+                    x_r=controller.x_r, arcs=arcs, axis=plant, gains=gains)
+
+
+def check_pieces(breaks: np.ndarray, dampings: np.ndarray) -> None:
+    """Raise `ParameterError` unless (n,) breaks [s] part (n + 1,) dampings [N s/m]."""
+    if breaks.ndim != 1 or not np.all(np.diff(breaks, prepend=0.0) > 0.0):
+        raise refusal('breaks', breaks.tolist(), 'one ascending list of times > 0 [s]')
+    if dampings.shape != (breaks.size + 1,):
+        raise refusal('dampings', dampings.shape, f'shape ({breaks.size + 1},), one value more '
+                      'than breaks [N s/m]')
+    if not np.all((dampings > 0.0) & np.isfinite(dampings)):
+        raise refusal('dampings', float(dampings.min()), '> 0 and finite [N s/m] (1)')

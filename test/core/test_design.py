@@ -1,0 +1,187 @@
+"""Gains, predictions and findings, against closed forms, the exact solution and the loop."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.design import (
+    alpha_bounds,
+    beta,
+    critical_damping,
+    dead_zone,
+    findings,
+    first_zero_time,
+    least_stiffness,
+    Level,
+    peak_speed,
+    sampled_floor,
+)
+from impulse_control_ros.core.hybrid import Reading, solve
+from impulse_control_ros.core.impulse import (
+    Controller,
+    impulse_area,
+    POSITION_ZERO,
+    STICKING,
+    VELOCITY_ZERO,
+)
+from impulse_control_ros.core.simulate import simulate
+
+PD = Controller(impulses=False)
+AXIS = Axis(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
+ROUGH = Axis(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
+
+
+def said(level, gains, axis=None):
+    """Return the texts of the findings of one level."""
+    return [finding.text for finding in findings(gains, axis) if finding.level is level]
+
+
+# Gains.
+
+@pytest.mark.parametrize(('m', 'K', 'd_bar'), [(0.2, 10.0, 1.5), (0.1, 40.0, 0.3)])
+def test_the_recommended_damping_is_critical(m, K, d_bar):
+    gains = Controller(m=m, K=K, d_bar=d_bar)
+    right = critical_damping(gains)
+    assert (d_bar + right)**2 == pytest.approx(4 * m * K)
+    assert f'D = {right:g} N s/m is' in said(Level.WARNING, gains)[0]
+    assert said(Level.WARNING, Controller(m=m, K=K, d_bar=d_bar, D=right)) == []
+
+
+def test_where_the_damping_alone_is_too_much_a_stiffness_is_recommended():
+    gains = Controller(d_bar=3.0)
+    assert 'K = 22.5 N/m with D = 0 is' in said(Level.WARNING, gains)[0]
+    assert critical_damping(Controller(d_bar=3.0, K=least_stiffness(gains))) == 0.0
+
+
+def test_the_bounds_of_alpha_stop_and_reverse_the_axis():
+    least, below = alpha_bounds(0.1, -3.5)
+    assert -3.5 + 2 * least / 0.1 == 0.0
+    assert -3.5 + 2 * below / 0.1 == 3.5
+    gains = Controller(alpha_ratio=0.5).packed()[0]
+    assert impulse_area(POSITION_ZERO, gains, 0.0, -3.5) == 2 * least
+
+
+@pytest.mark.parametrize('c', [1.0, 2.0])
+def test_beta_is_that_of_the_control_law(c):
+    gains = Controller(c=c, x_r=0.1)
+    assert impulse_area(STICKING, gains.packed()[0], 0.3, 0.0) == pytest.approx(-beta(gains, 0.2))
+    assert impulse_area(VELOCITY_ZERO, gains.packed()[0], -0.1, 0.0) == (
+        pytest.approx(2 * beta(gains, -0.2)))
+
+
+def test_pd_alone_sticks_in_the_dead_zone_and_leaves_it_from_outside():
+    zone = dead_zone(PD, ROUGH.F_c)
+    assert zone == 0.1
+    for factor, moves in ((1.0, False), (1.0 + 1e-9, True)):
+        axis = Axis(x_0=factor * zone, F_c=1.0, damping=Damping(value=0.15))
+        assert (solve(axis, PD, 1.0).end_time > 0.0) == moves
+
+
+@pytest.mark.parametrize('c', [1.0, 2.0])
+@pytest.mark.parametrize('step', [1e-3, 1e-4])
+def test_the_sampled_loop_comes_to_rest_at_the_floor(step, c):
+    gains = Controller(time_step=step, c=c)
+    axis = Axis(x_0=0.02, F_c=1.0, time_step=step, damping=Damping(value=0.15))
+    run = simulate(axis, gains, 6.0)
+    floor = sampled_floor(gains, 1.0)
+    assert floor == pytest.approx(c * step / 1.5)
+    assert 0.5 * floor < run.position[-1] <= 1.001 * floor
+
+
+# Predictions.
+
+@pytest.mark.parametrize(('d', 'time'), [
+    (0.15, 0.12143680500356), (0.5, 0.149), (1.0, 0.238), (1.3, 0.436), (1.49, 2.76)])
+def test_the_first_zero_is_predicted(d, time):
+    assert first_zero_time(Controller(), d) == pytest.approx(time, rel=4e-3)
+
+
+def test_impulses_reach_the_set_point_for_every_damping_below_its_bound_and_none_at_it():
+    assert math.isfinite(first_zero_time(Controller(), 1.5 * (1 - 1e-12)))
+    assert math.isinf(first_zero_time(Controller(), 1.5 * (1 + 1e-12)))
+    assert math.isinf(first_zero_time(PD, 1.5))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.02, 3.0), st.floats(-2.0, 2.0).filter(lambda x: abs(x) > 1e-3),
+       st.floats(0.0, 2.0), st.booleans(), st.sampled_from([1.0, 2.0]))
+def test_the_predictions_are_those_of_the_exact_solution(d, error, D, impulses, c):
+    gains = Controller(D=D, impulses=impulses, c=c, x_r=0.25)
+    zero = first_zero_time(gains, d)
+    axis = Axis(x_0=error + 0.25, F_c=0.0, damping=Damping(value=d))
+    solution = solve(axis, gains, min(zero, 5.0) * (1 + 1e-9), reading=Reading.ONE_JUMP)
+    time = np.linspace(0.0, min(zero, 5.0) * (1 - 1e-9), 4001)
+    x, v = solution.at(time)
+    assert np.all((x - 0.25) * error > -1e-15)
+    if zero < 5.0:
+        assert solution.at(zero)[0] == pytest.approx(0.25, abs=1e-12)
+    speed = peak_speed(gains, d, error)
+    assert np.abs(v).max() <= speed * (1 + 1e-12)
+    assert np.abs(v).max() == pytest.approx(speed, rel=2e-5)
+
+
+def test_fig_2_has_its_peak_speeds():
+    assert peak_speed(Controller(), 0.15, 0.5) == pytest.approx(4.386, abs=5e-4)
+    assert peak_speed(PD, 0.15, -0.5) == pytest.approx(3.265, abs=5e-4)
+    assert peak_speed(PD, 1.5, 0.5) == pytest.approx(5.0 / math.e)
+
+
+# Findings.
+
+def test_table_1_has_no_findings():
+    assert findings(Controller()) == []
+    assert findings(Controller(), AXIS) == []
+    assert critical_damping(Controller()) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(('m', 'level'), [
+    (0.05, Level.WARNING), (0.0833, Level.WARNING), (0.0834, Level.NOTE), (0.12, Level.NOTE),
+    (0.1666, Level.NOTE), (0.1667, Level.ERROR), (1.0, Level.ERROR)])
+def test_a_wrong_mass_is_judged_by_the_bounds_of_alpha(m, level):
+    texts = said(level, Controller(m=m), AXIS)
+    assert f'm = {m:g} kg is not that of the axis, 0.1 kg' in texts[-1]
+    assert 'from 0.0833333 to below 0.166667 kg' in texts[-1]
+    assert not said(Level.ERROR, Controller(m=m, impulses=False), AXIS)
+
+
+@pytest.mark.parametrize('damping', [
+    Damping(value=1.6), Damping(kind='noise', upper=1.6), Damping(kind='sinusoidal', upper=1.6)],
+    ids=lambda damping: damping.kind)
+def test_a_damping_above_its_bound_is_a_warning(damping):
+    texts = said(Level.WARNING, Controller(), Axis(F_c=0.0, damping=damping))
+    assert len(texts) == 1
+    assert 'd_bar = 1.5 N s/m is no bound' in texts[0]
+    assert 'd_bar = 1.6 N s/m is' in texts[0]
+
+
+def test_friction_without_impulses_is_a_note_on_the_dead_zone():
+    assert ['F_c / K = 0.1 m' in text for text in said(Level.NOTE, PD, ROUGH)] == [True]
+
+
+def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
+    text, = said(Level.NOTE, Controller(), ROUGH)
+    assert text.startswith('position_deadband = 1e-06 m is below the sampled floor')
+    assert 'position_deadband = 0.000133333 m ends them' in text
+    gains = Controller(position_deadband=1.34e-4)
+    assert findings(gains, ROUGH) == []
+    assert simulate(ROUGH, gains, 6.0).events['tick'][-1] < 5.0 / 1e-4
+
+
+def test_an_effort_limit_within_the_friction_is_an_error():
+    assert 'effort_limit = 1 N' in said(Level.ERROR, Controller(effort_limit=1.0), ROUGH)[0]
+    assert said(Level.ERROR, Controller(effort_limit=1.1), ROUGH) == []
+
+
+def test_another_time_step_is_an_error():
+    assert 'time_step = 0.001 s' in said(Level.ERROR, Controller(time_step=1e-3), AXIS)[0]
+
+
+@pytest.mark.parametrize(('change', 'text'), [
+    ({'c': 1.0}, 'c = 1 makes'), ({'hold_off': 8}, 'hold_off = 8 samples')])
+def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
+    assert said(Level.NOTE, Controller(**change))[0].startswith(text)
+    assert findings(Controller(impulses=False, **change)) == []
