@@ -29,6 +29,7 @@ from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
 from impulse_control_ros.nodes.simulation_control import SimulationControl
+from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     CLOCK,
@@ -68,6 +69,7 @@ class PlantSimulator(ParameterNode):
         self._awaiting = False
         self._effort = 0.0
         self.paused = False
+        self.quitting = False
         self._steps_left = 0
         self._reset_wanted = False
         self._asked_at = monotonic()
@@ -88,6 +90,7 @@ class PlantSimulator(ParameterNode):
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
         SimulationControl(self)
+        SimulationInterfaces(self)
         Diagnostics(self, self._report)
         self._reported = (monotonic(), 0)
         self._began = 0.0
@@ -186,7 +189,7 @@ class PlantSimulator(ParameterNode):
         """Make the next sample unless something holds it."""
         if self._awaiting or self.finished or self.tick >= self._recorders.limit:
             return
-        if self.tick >= self._last_tick:
+        if self.tick >= self._last_tick or self.quitting:
             if self._recorders.have(self.tick):
                 self._end()
         elif self._reset_wanted:
@@ -213,6 +216,8 @@ class PlantSimulator(ParameterNode):
             return IDLE
         if self.tick < 0:
             return self._start_when_matched(now)
+        if self.quitting and self._awaiting:  # nobody may be there to send what is late
+            self._end()
         tick = self.tick
         if not self._awaiting:
             self._proceed()
@@ -293,6 +298,11 @@ class PlantSimulator(ParameterNode):
         if self.paused:
             self._steps_left += samples
         return self.paused
+
+    def quit(self) -> None:
+        """Let the run end at the present state; at once where there is none yet."""
+        self.quitting = True
+        self.finished = self.tick < 0
 
     def _report(self) -> tuple[bytes, str, dict[str, object]]:
         (since, tick), now = self._reported, monotonic()
