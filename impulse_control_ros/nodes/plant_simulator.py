@@ -29,6 +29,7 @@ from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
 from impulse_control_ros.nodes.simulation_control import SimulationControl
+from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     CLOCK,
@@ -70,6 +71,7 @@ class PlantSimulator(ParameterNode):
         self._awaiting = False
         self._effort = 0.0
         self.paused = False
+        self.quitting = False
         self._steps_left = 0
         self._reset_wanted = False
         self._asked_at = monotonic()
@@ -90,6 +92,7 @@ class PlantSimulator(ParameterNode):
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
         SimulationControl(self)
+        SimulationInterfaces(self)
         Diagnostics(self, self._progress, self._report)
         self._accepted_before = 0
         self._began = 0.0
@@ -185,7 +188,7 @@ class PlantSimulator(ParameterNode):
         """Make the next sample unless something holds it."""
         if self._awaiting or self.finished or self.tick >= self._recorders.limit:
             return
-        if self.tick >= self._last_tick:
+        if self.tick >= self._last_tick or self.quitting:
             if self._recorders.have(self.tick):
                 self._end()
         elif self._reset_wanted:
@@ -212,6 +215,8 @@ class PlantSimulator(ParameterNode):
             return IDLE
         if self.tick < 0:
             return self._start_when_matched(now)
+        if self.quitting and self._awaiting:  # nobody may be there to send what is late
+            self._end()
         tick = self.tick
         if not self._awaiting:
             self._proceed()
@@ -307,6 +312,11 @@ class PlantSimulator(ParameterNode):
         if self.paused:
             self._steps_left += samples
         return self.paused
+
+    def quit(self) -> None:
+        """Let the run end at the present state; at once where there is none yet."""
+        self.quitting = True
+        self.finished = self.tick < 0
 
     def _lost(self) -> int:
         """Return the number of states, but the present one, that no command has answered."""

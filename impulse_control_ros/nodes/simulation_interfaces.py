@@ -1,0 +1,136 @@
+"""
+The services of the standard simulation_interfaces, where that package is installed.
+
+They stand beside those of simulation_control.py and ask the plant for the same. They follow the
+standard but for this, since simulated time never goes back, and a callback that waited would
+hold the very lockstep that it waits for:
+
+* step_simulation answers once the steps are asked for, not once they are made;
+* reset_simulation resets the state and lets time go on, also for SCOPE_DEFAULT, which the
+  standard reads as everything; a scope that names the time is refused;
+* STATE_STOPPED is refused, because a stopped simulation starts at its first instant again;
+* the action simulate_steps is not offered.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+Outcome = tuple[int, str]
+
+STEPS_ASKED_FOR = 'step_simulation answers once the steps are asked for'
+STATE_ALONE = 'reset_simulation resets the state alone, time goes on'
+ENDING = 'the run is ending'
+
+
+def standard_types(logger: Any) -> tuple[Any, Any] | None:
+    """Return the messages and services of simulation_interfaces; None where it is missing."""
+    try:
+        # The C module too: a package that is built for another Python lets a plant start.
+        from simulation_interfaces import msg, simulation_interfaces_s__rosidl_typesupport_c, srv
+        del simulation_interfaces_s__rosidl_typesupport_c
+    except ModuleNotFoundError:
+        return None
+    except ImportError as error:
+        logger.warning(f'the services of simulation_interfaces are not offered: {error}')
+        return None
+    return msg, srv
+
+
+class SimulationInterfaces:
+    """
+    Offers the services of simulation_interfaces for ``plant``, a `PlantSimulator`.
+
+    A service whose type an older simulation_interfaces lacks is neither offered nor listed.
+    """
+
+    def __init__(self, plant: Any) -> None:
+        self._plant = plant
+        self._features: list[int] = []
+        types = standard_types(plant.get_logger())
+        if types is None:
+            return
+        msg, self._srv = types
+        self._results, self._states, self._ids = (
+            msg.Result, msg.SimulationState, msg.SimulatorFeatures)
+        plant.create_service(
+            self._srv.GetSimulatorFeatures, '~/get_simulator_features', self._get_features)
+        self._offer('GetSimulationState', '~/get_simulation_state', self._get_state,
+                    'SIMULATION_STATE_GETTING')
+        self._offer('SetSimulationState', '~/set_simulation_state', self._set_state,
+                    'SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE')
+        self._offer('StepSimulation', '~/step_simulation', self._step,
+                    'STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE')
+        self._offer('ResetSimulation', '~/reset_simulation', self._reset,
+                    'SIMULATION_RESET', 'SIMULATION_RESET_STATE')
+
+    def _offer(self, kind: str, name: str, act: Callable[[Any, Any], Outcome],
+               *features: str) -> None:
+        """Offer what ``act`` does with request and response, and list its features."""
+        if not hasattr(self._srv, kind):
+            return
+
+        def callback(request: Any, response: Any) -> Any:
+            code, message = act(request, response)
+            response.result = self._results(result=code, error_message=message)
+            return response
+        self._plant.create_service(getattr(self._srv, kind), name, callback)
+        self._features += [getattr(self._ids, feature) for feature in features]
+
+    def _get_features(self, _: Any, response: Any) -> Any:
+        response.features.features = self._features
+        response.features.custom_info = f'{STEPS_ASKED_FOR}; {STATE_ALONE}'
+        return response
+
+    def _get_state(self, _: Any, response: Any) -> Outcome:
+        response.state.state = self._state()
+        return self._results.RESULT_OK, self._when()
+
+    def _set_state(self, request: Any, response: Any) -> Outcome:
+        plant, states, wanted = self._plant, self._states, request.state.state
+        names = {states.STATE_PLAYING: 'playing', states.STATE_PAUSED: 'paused',
+                 states.STATE_QUITTING: 'quitting'}
+        if wanted not in names:
+            allowed = ', '.join(f'{name} ({value})' for value, name in names.items())
+            return (self._results.RESULT_FEATURE_UNSUPPORTED,
+                    f'state = {wanted} is refused: allowed are {allowed}')
+        if wanted == self._state():
+            return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {self._when()}'
+        if plant.quitting:
+            return response.INCORRECT_TRANSITION, f'state = {wanted} is refused: {ENDING}'
+        if wanted == states.STATE_QUITTING:
+            plant.quit()
+        else:
+            plant.pause(wanted == states.STATE_PAUSED)
+        return self._results.RESULT_OK, f'{names[wanted]} {self._when()}'
+
+    def _step(self, request: Any, _: Any) -> Outcome:
+        steps, failed = request.steps, self._results.RESULT_OPERATION_FAILED
+        if self._plant.quitting:
+            return failed, f'steps = {steps} is refused: {ENDING}'
+        if not self._plant.step(steps):
+            return failed, f'steps = {steps} is refused while playing: pause first'
+        return (self._results.RESULT_OK,
+                f'{steps} steps are asked for {self._when()}; {STEPS_ASKED_FOR}')
+
+    def _reset(self, request: Any, _: Any) -> Outcome:
+        plant, scope = self._plant, request.scope
+        if scope not in (request.SCOPE_DEFAULT, request.SCOPE_STATE):
+            return (self._results.RESULT_FEATURE_UNSUPPORTED,
+                    f'scope = {scope} is refused: allowed is SCOPE_STATE '
+                    f'({request.SCOPE_STATE}), for time never goes back and nothing is spawned')
+        if plant.quitting or not plant.reset():
+            why = ENDING if plant.tick >= 0 else 'there is no run yet'
+            return self._results.RESULT_INCORRECT_STATE, f'scope = {scope} is refused: {why}'
+        start = plant.parameters
+        return (self._results.RESULT_OK,
+                f'the state at {plant.seconds(1)} s is x_0 = {start.x_0:g} m, '
+                f'v_0 = {start.v_0:g} m/s; {STATE_ALONE}')
+
+    def _state(self) -> int:
+        if self._plant.quitting:
+            return self._states.STATE_QUITTING
+        return self._states.STATE_PAUSED if self._plant.paused else self._states.STATE_PLAYING
+
+    def _when(self) -> str:
+        plant = self._plant
+        return f'at {plant.seconds()} s' if plant.tick >= 0 else 'before the first state'
