@@ -69,7 +69,7 @@ def test_the_bounds_of_alpha_stop_and_reverse_the_axis():
 def test_beta_is_that_of_the_control_law(c):
     gains = Controller(c=c, x_r=0.1)
     assert impulse_area(STICKING, gains.packed()[0], 0.2, 0.0) == pytest.approx(-beta(gains, 0.2))
-    assert impulse_area(VELOCITY_ZERO, gains.packed()[0], -0.1, 0.0) == (
+    assert impulse_area(VELOCITY_ZERO, gains.packed()[0], -0.2, 0.0) == (
         pytest.approx(2 * beta(gains, -0.2)))
 
 

@@ -1,0 +1,131 @@
+"""Nodes that do not fit each other, and others on the same topics."""
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from impulse_control_ros.files.bag import read
+from test.conftest import CONFIG
+
+UNDERDAMPED = CONFIG / 'underdamped.yaml'
+STEPS = 20_000
+
+
+def assert_whole(run, start=1_000_000_000):
+    stamps = start + np.arange(STEPS + 1) * 100_000
+    assert np.array_equal(run.states['stamp'], stamps)
+    assert np.array_equal(run.commands['stamp'], stamps)
+    assert run.receipt['missing'] == '0'
+
+
+@pytest.mark.parametrize(('wrong', 'said'), [
+    ('time_step:=0.001', 'time_step = 0.001 is refused: allowed is that of /plant_simulator'),
+    ('joint_name:=elbow', "joint_name = 'elbow' is refused: allowed is that of /plant_simulator"),
+])
+def test_a_controller_for_another_plant_ends_and_the_run_waits_for_the_right_one(
+        graph, wrong, said):
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.1')
+    controller = graph.start('controller', '--ros-args', '-p', wrong)
+    assert controller.wait() == 2
+    assert said in controller.output
+    controller = graph.start('controller')
+    assert plant.wait() == 0, plant.output
+    assert controller.interrupt() == 0
+
+
+def test_composed_nodes_that_do_not_fit_are_refused_and_leave_no_bag(graph):
+    bag = graph.folder / 'bag'
+    process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                          f'recorder:bag:={bag}', '-p', 'controller:time_step:=0.001')
+    assert process.wait() == 2
+    assert 'time_step = 0.001' in process.output
+    assert not bag.exists()
+
+
+def test_a_loop_that_diverges_ends_with_the_reason_and_a_finished_bag(graph):
+    bag = graph.folder / 'bag'
+    process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                          f'recorder:bag:={bag}', '-p', 'controller:K:=1.0e9')
+    assert process.wait() == 1
+    assert 'the loop has diverged: at 1.' in process.output
+    assert 'Traceback' not in process.output
+    run = read(bag)
+    assert run.receipt['missing'] == '0'
+    assert np.isfinite(run.states['position']).all()
+
+
+def test_an_experiment_runs_in_a_namespace(graph):
+    extra = graph.folder / 'bag.yaml'
+    extra.write_text(f'/**/recorder: {{ros__parameters: {{bag: {graph.folder / "bag"}}}}}\n')
+    process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', '--params-file',
+                          UNDERDAMPED, '--params-file', extra)
+    assert process.wait() == 0, process.output
+    run = read(graph.folder / 'bag')
+    assert_whole(run)
+    assert run.parameters['/left/plant_simulator']['F_c'] == 0.0
+
+
+def test_parameters_that_miss_the_nodes_are_named(graph):
+    plain = graph.folder / 'plain.yaml'
+    plain.write_text(UNDERDAMPED.read_text().replace('/**/', ''))
+    process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', config=plain)
+    assert process.wait() == 2
+    assert 'is not for /left/plant_simulator' in process.output
+    alone = graph.start('controller', '--ros-args', '-r', '__ns:=/left', config=plain)
+    alone.says('is not for /left/controller')
+    assert alone.interrupt() == 0
+
+
+def test_foreign_joint_states_leave_a_recording_whole(graph, client):
+    bag = graph.folder / 'bag'
+    process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                          f'recorder:bag:={bag}', '-p', 'plant_simulator:real_time_factor:=0.5')
+    states = client.listen('/joint_states', JointState)
+    publisher = client.node.create_publisher(JointState, '/joint_states', 10)
+    client.spin_until(lambda: len(states) > 100, 'states')
+    for _ in range(3):
+        publisher.publish(JointState(name=['elbow'], position=[1.0], velocity=[2.0]))
+    assert process.wait() == 0, process.output
+    run = read(bag)
+    assert_whole(run)
+    assert int(run.receipt['foreign']) + int(run.receipt['repeated']) == 3
+    assert not bag.with_name('bag-2').exists()
+
+
+def test_two_recorders_of_one_name_both_miss_nothing(graph):
+    bags = [graph.folder / name for name in ('first', 'second')]
+    recorders = [graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                             f'bag:={bag}') for bag in bags]
+    controller = graph.start('controller', config=UNDERDAMPED)
+    plant = graph.start('plant_simulator', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                        'real_time_factor:=0.2')
+    assert plant.wait() == 0, plant.output
+    for recorder, bag in zip(recorders, bags, strict=True):
+        assert recorder.interrupt() == 0
+        run = read(bag)
+        assert run.receipt['missing'] == '0'
+        assert run.states['stamp'][-1] == run.commands['stamp'][-1] == 3_000_000_000
+    assert controller.interrupt() == 0
+
+
+def test_a_plant_that_starts_later_begins_a_bag_of_its_own(graph):
+    bag = graph.folder / 'bag'
+    recorder = graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                           f'bag:={bag}')
+    controller = graph.start('controller', config=UNDERDAMPED)
+    for start in ('1.0', '4.5'):
+        plant = graph.start('plant_simulator', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                            f'start_time:={start}')
+        assert plant.wait() == 0, plant.output
+    assert recorder.interrupt() == 0
+    assert controller.interrupt() == 0
+    assert_whole(read(bag))
+    assert_whole(read(bag.with_name('bag-2')), 4_500_000_000)
+
+
+@pytest.mark.parametrize('bag', ['/proc/nowhere/bag', 'b' * 300])
+def test_a_bag_that_cannot_be_made_is_refused_at_once(graph, bag):
+    process = graph.start('recorder', '--ros-args', '-p', f'bag:={bag}')
+    assert process.wait() == 2
+    assert 'cannot be made' in process.output
+    assert len(process.output.splitlines()) == 1
