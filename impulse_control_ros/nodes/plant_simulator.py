@@ -47,6 +47,7 @@ from impulse_control_ros.nodes.topics import (
 
 HANDSHAKE = 0.1
 START_REPORT = 2.0
+SETTLE = 0.5  # a controller may be discovered before another plant is
 
 
 class PlantSimulator(ParameterNode):
@@ -74,7 +75,7 @@ class PlantSimulator(ParameterNode):
         self.quitting = False
         self._steps_left = 0
         self._reset_wanted = False
-        self._asked_at = monotonic()
+        self._asked_at = self._matched_at = monotonic()
         self._pace = Pace()
         self._recorders = Recorders(
             self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
@@ -239,6 +240,9 @@ class PlantSimulator(ParameterNode):
             if now >= self._asked_at + START_REPORT:
                 self._asked_at = now
                 self.get_logger().info(f'waiting for {" and ".join(waiting)}')
+            self._matched_at = now
+            return 0.02
+        if now < self._matched_at + SETTLE:
             return 0.02
         self._began = now
         self._state = self.parameters.start()

@@ -129,3 +129,15 @@ def test_a_bag_that_cannot_be_made_is_refused_at_once(graph, bag):
     assert process.wait() == 2
     assert 'cannot be made' in process.output
     assert len(process.output.splitlines()) == 1
+
+
+def test_a_second_plant_waits_until_the_first_has_left(graph, client):
+    first = graph.start('plant_simulator', '--ros-args', '-p', 'real_time_factor:=0.1')
+    controller = graph.start('controller')
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 10, 'states')
+    second = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.1')
+    second.says('waiting for another plant to leave /joint_states')
+    assert first.interrupt() == 0
+    assert second.wait() == 0, second.output
+    assert controller.interrupt() == 0
