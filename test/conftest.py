@@ -6,6 +6,7 @@ import itertools
 import os
 from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -22,7 +23,7 @@ ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 BIN = Path(sys.executable).parent
 PATIENCE = 240.0
-_domains = itertools.count(os.getpid() % 90)
+_numbers = itertools.count(os.getpid())
 
 
 def wait_for(condition: Callable[[], object], what: str,
@@ -88,11 +89,33 @@ class Process:
             self._popen.wait()
 
 
+def free_domain() -> tuple[int, socket.socket]:
+    """
+    Return a ROS domain that nobody uses, and the socket that claims it while it is open.
+
+    DDS listens to the first UDP port of a domain; the claim is on the TCP port of that number,
+    so that two test sessions on one machine keep apart. None is used twice soon, for what was
+    killed lives on in the discovery for a while.
+    """
+    for domain in (number % 100 + 1 for number in itertools.islice(_numbers, 100)):
+        first_port = 7400 + 250 * domain
+        claim = socket.socket()
+        with socket.socket(type=socket.SOCK_DGRAM) as heard:
+            try:
+                heard.bind(('', first_port))
+                claim.bind(('', first_port))
+            except OSError:
+                claim.close()
+            else:
+                return domain, claim
+    return pytest.fail('all ROS domains from 1 to 100 are in use')
+
+
 class Graph:
     """A ROS domain of its own, and the processes started on it."""
 
     def __init__(self, folder: Path) -> None:
-        self.domain = next(_domains) % 100 + 1
+        self.domain, self._claim = free_domain()
         self.folder = folder
         self.environment: Mapping[str, str] = os.environ
         self._processes: list[Process] = []
@@ -117,8 +140,11 @@ class Graph:
         return self._processes[-1]
 
     def close(self) -> None:
+        """End what still runs, and print what all said: pytest shows it where a test failed."""
         for process in self._processes:
             process.kill()
+            print(f'--- {process.name} (exit {process.wait()}):\n{process.output}')
+        self._claim.close()
 
 
 @pytest.fixture
