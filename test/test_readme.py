@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -19,7 +20,7 @@ import yaml
 
 from impulse_control_ros.files.bag import read
 from impulse_control_ros.tools.parameter_table import document
-from test.conftest import BIN, ROOT
+from test.conftest import BIN, ROOT, wait_for
 
 README = (ROOT / 'README.md').read_text()
 FENCES = re.findall(r'^```(\w*)\n(.*?)^```', README, re.S | re.M)
@@ -159,6 +160,20 @@ def test_make_demo_prints_the_table_of_the_readme(tmp_path, graph):
     table = next(block for language, block in FENCES if 'settling' in block)
     for line in table.strip('\n').splitlines():
         assert line in said
+
+
+def test_an_interrupted_demo_says_where_the_recording_is_and_finishes_it(tmp_path, graph):
+    shutil.copytree(ROOT / 'config', tmp_path / 'config')
+    with subprocess.Popen([sys.executable, '-m', f'{PACKAGE}.tools.demo'], cwd=tmp_path,
+                          env=graph.env, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                          text=True, start_new_session=True) as demo:
+        bag = wait_for(lambda: list(tmp_path.glob('runs/*/pd_only_lower')), 'the first bag')[0]
+        os.killpg(demo.pid, signal.SIGINT)
+        said = demo.communicate()[1]
+    assert demo.returncode == 1
+    assert said.count('demo: interrupted') == 1
+    assert 'Traceback' not in said
+    assert read(bag).receipt['missing'] == '0'
 
 
 def test_the_python_of_the_readme_runs(tmp_path):

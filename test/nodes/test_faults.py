@@ -71,7 +71,8 @@ def test_a_killed_and_restarted_controller_costs_no_step(running):
     running.controller.send(signal.SIGKILL)
     running.controller.wait()
     running.plant.says('published again')
-    running.controller = running.start('controller')
+    running.controller = running.graph.start('controller', '--ros-args', '--params-file',
+                                             UNDERDAMPED, '-p', 'd_bar:=1.25')
     run = running.finish()
     assert np.array_equal(run.states['stamp'], STAMPS)
     # What a killed process has sent may reach the plant and not the recorder: it is counted, and
@@ -82,6 +83,29 @@ def test_a_killed_and_restarted_controller_costs_no_step(running):
     efforts = run.commands['effort'][index[:-1]]
     assert np.array_equal(run.states['effort'][ticks + 1], efforts)
     assert abs(run.states['position'][-1]) < 1e-6
+    (stamp, node, values), = run.restarts
+    assert run.parameters[node]['d_bar'] == 1.5
+    assert values['d_bar'] == 1.25
+    assert 1_300_000_000 < stamp < 3_000_000_000
+
+
+def test_a_free_running_plant_holds_the_effort_of_a_killed_controller_and_says_so(graph, client):
+    coarse = ('--ros-args', '-p', 'time_step:=0.001')
+    plant = graph.start('plant_simulator', *coarse, '-p', 'lockstep:=false', '-p',
+                        'real_time_factor:=0.1')
+    controller = graph.start('controller', *coarse)
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 100, 'a hundred states')
+    controller.send(signal.SIGKILL)
+    controller.wait()
+    plant.says('N is held')
+    del states[:-1]
+    client.spin_until(lambda: len(states) > 10, 'more states')
+    assert len({state.effort[0] for state in states[-5:]}) == 1
+    controller = graph.start('controller', *coarse)
+    client.spin_until(lambda: len({state.effort[0] for state in states[-5:]}) > 1, 'new efforts')
+    assert plant.interrupt() == 0
+    assert controller.interrupt() == 0
 
 
 def test_a_controller_that_is_stopped_and_goes_on_costs_no_step_and_no_bit(running):

@@ -1,6 +1,7 @@
 """A running experiment: tuned, paused, stepped, reset and interrupted."""
 
 import signal
+import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -239,12 +240,12 @@ def test_a_signal_during_the_imports_ends_a_node_without_a_traceback(graph, node
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('node', ['plant_simulator', 'controller', 'recorder', 'closed_loop'])
-def test_a_node_that_waits_ends_at_a_signal(graph, client, node, number):
+def test_a_node_that_waits_ends_at_a_storm_of_signals(graph, client, node, number):
     process = graph.start(node, *(('--no-recorder',) if node == 'closed_loop' else ()))
     name = 'controller' if node == 'closed_loop' else node
     client.spin_until(lambda: name in client.node.get_node_names(), f'node {name}')
     client.get(name, 'use_sim_time')
-    process.send(number)
-    process.send(number)
+    wait_for(lambda: not process.running, f'the end of {node}',
+             lambda: process.send(number) or time.sleep(0.005))
     assert process.wait() == 0, process.output
     assert 'Traceback' not in process.output

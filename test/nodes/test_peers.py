@@ -1,5 +1,6 @@
 """Nodes that do not fit each other, and others on the same topics."""
 
+from mcap.reader import make_reader
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -92,6 +93,21 @@ def test_foreign_joint_states_leave_a_recording_whole(graph, client):
     assert not bag.with_name('bag-2').exists()
 
 
+def test_named_topics_are_recorded_once_and_what_is_latched_from_its_beginning(graph):
+    bag = graph.folder / 'bag'
+    process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                          f'recorder:bag:={bag}', '-p', 'recorder:topics:=[joint_states,/rosout]')
+    assert process.wait() == 0, process.output
+    with (bag / 'bag_0.mcap').open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    counts = {channel.topic: summary.statistics.channel_message_counts.get(number, 0)
+              for number, channel in summary.channels.items()}
+    assert counts.keys() == {'/joint_states', '/joint_commands', '/impulse_events', '/rosout'}
+    assert counts['/joint_states'] == 20_001
+    assert counts['/rosout'] > 0
+    assert len(summary.channels) == 4
+
+
 def test_two_recorders_of_one_name_both_miss_nothing(graph):
     bags = [graph.folder / name for name in ('first', 'second')]
     recorders = [graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
@@ -108,8 +124,9 @@ def test_two_recorders_of_one_name_both_miss_nothing(graph):
     assert controller.interrupt() == 0
 
 
-def test_a_plant_that_starts_later_begins_a_bag_of_its_own(graph):
+def test_a_plant_that_starts_later_begins_a_bag_of_the_next_free_number(graph):
     bag = graph.folder / 'bag'
+    bag.with_name('bag-2').mkdir()
     recorder = graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
                            f'bag:={bag}')
     controller = graph.start('controller', config=UNDERDAMPED)
@@ -120,7 +137,8 @@ def test_a_plant_that_starts_later_begins_a_bag_of_its_own(graph):
     assert recorder.interrupt() == 0
     assert controller.interrupt() == 0
     assert_whole(read(bag))
-    assert_whole(read(bag.with_name('bag-2')), 4_500_000_000)
+    assert_whole(read(bag.with_name('bag-3')), 4_500_000_000)
+    assert not list(bag.with_name('bag-2').iterdir())
 
 
 @pytest.mark.parametrize('bag', ['/proc/nowhere/bag', 'b' * 300])
