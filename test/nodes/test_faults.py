@@ -102,7 +102,7 @@ def test_a_free_running_plant_holds_the_effort_of_a_killed_controller_and_says_s
     del states[:-1]
     client.spin_until(lambda: len(states) > 10, 'more states')
     assert len({state.effort[0] for state in states[-5:]}) == 1
-    controller = graph.start('controller', *coarse)
+    controller = graph.start('controller', *coarse, '-p', 'x_r:=-0.5')
     client.spin_until(lambda: len({state.effort[0] for state in states[-5:]}) > 1, 'new efforts')
     assert plant.interrupt() == 0
     assert controller.interrupt() == 0
