@@ -24,7 +24,7 @@ from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MAR
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.graph import publishers, subscribers
+from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
@@ -38,7 +38,6 @@ from impulse_control_ros.nodes.topics import (
     decode_any,
     JOINT_COMMANDS,
     JOINT_STATES,
-    RECORDER_PROGRESS,
     SERIES_QOS,
     SLOW_QOS,
     state_layout,
@@ -46,8 +45,6 @@ from impulse_control_ros.nodes.topics import (
 )
 
 HANDSHAKE = 0.1
-START_REPORT = 2.0
-SETTLE = 0.5  # a controller may be discovered before another plant is
 
 
 class PlantSimulator(ParameterNode):
@@ -75,7 +72,7 @@ class PlantSimulator(ParameterNode):
         self.quitting = False
         self._steps_left = 0
         self._reset_wanted = False
-        self._asked_at = self._matched_at = monotonic()
+        self._asked_at = monotonic()
         self._pace = Pace()
         self._recorders = Recorders(
             self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
@@ -92,6 +89,7 @@ class PlantSimulator(ParameterNode):
         self._damping = self.create_publisher(Float64, DAMPING, SLOW_QOS)
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
+        self._meeting = Meeting(self, self._states, self.commands, self._recorders)
         SimulationControl(self)
         SimulationInterfaces(self)
         Diagnostics(self, self._progress, self._report)
@@ -235,38 +233,13 @@ class PlantSimulator(ParameterNode):
                 else self.parameters.command_timeout)
 
     def _start_when_matched(self, now: float) -> float:
-        waiting = self._missing_peers()
-        if waiting:
-            if now >= self._asked_at + START_REPORT:
-                self._asked_at = now
-                self.get_logger().info(f'waiting for {" and ".join(waiting)}')
-            self._matched_at = now
-            return 0.02
-        if now < self._matched_at + SETTLE:
+        if not self._meeting.complete(now, self.parameters.wait_for_recorder):
             return 0.02
         self._began = now
         self._state = self.parameters.start()
         self._pace.restart(0)
         self._publish_sample(self._reset_layout)
         return 0.0
-
-    def _missing_peers(self) -> list[str]:
-        """Say what the first state waits for."""
-        waiting = []
-        if not (self._states.get_subscription_count() and self.commands.get_publisher_count()):
-            waiting.append('a controller')
-        if self.parameters.wait_for_recorder and not self._recorders:
-            waiting.append('a recorder')
-        if self._states_shared():
-            waiting.append(f'another plant to leave {self._states.topic_name}; one more can run '
-                           'in a namespace (-r __ns:=/NAME) or another ROS_DOMAIN_ID')
-        return waiting
-
-    def _states_shared(self) -> bool:
-        """Tell whether another plant publishes our states: it too hears of recorders."""
-        plants = publishers(self, JOINT_STATES)
-        return len(plants) > 1 and len(
-            [name for name in subscribers(self, RECORDER_PROGRESS) if name in plants]) > 1
 
     def _ask_again(self, now: float) -> None:
         """Publish the state once more: its command is late, or an endpoint may be new."""

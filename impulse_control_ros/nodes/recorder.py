@@ -19,7 +19,7 @@ from importlib import import_module
 from itertools import count
 import json
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 from uuid import uuid4
 
@@ -53,6 +53,7 @@ from impulse_control_ros.nodes.topics import (
 BATCH = 250
 BATCH_PERIOD = 0.02
 WATCH_PERIOD = 0.5
+FLIGHT = 4.0  # DDS sends again what a reader has missed within 3 s
 DEFAULT_STEP_NS = 100_000
 
 
@@ -221,6 +222,10 @@ class Recorder(ParameterNode):
                                f'{self._timeline.repeated} repeats dropped')
         self.bag = None
 
+    def _in_flight(self) -> bool:
+        """Tell whether commands are on their way: one state at most is yet to be answered."""
+        return self._timeline.newest > self._timeline.reached + self._timeline.step_ns
+
     # -- by the wall clock ------------------------------------------------------------------
 
     def poll(self) -> float:
@@ -255,8 +260,12 @@ class Recorder(ParameterNode):
             'repeated': timeline.repeated, 'foreign': timeline.foreign}
 
     def close(self) -> None:
-        """Finish the bag with all that has arrived."""
+        """Finish the bag with all that has been sent so far."""
+        until = monotonic() + FLIGHT
         self.take()
+        while self.bag and self._drain() and self._in_flight() and monotonic() < until:
+            sleep(BATCH_PERIOD)
+            self.take()
         if not self._bags:
             self.get_logger().warning('nothing recorded: plant and controller were not both there')
         while self.bag:

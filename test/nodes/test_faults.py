@@ -28,6 +28,8 @@ class Running:
         self.states = client.listen('/joint_states', JointState)
         self.plant = self.start('plant_simulator')
         self.controller = self.start('controller')
+        # The run may be over before a client is discovered: let it wait for the recorder so long.
+        client.spin_until(lambda: client.node.count_publishers('/joint_states'), 'the plant')
         self.recorder = self.start('recorder', '--ros-args', '-p', f'bag:={self.bag}')
 
     def start(self, name, *arguments):

@@ -80,12 +80,14 @@ def test_parameters_that_miss_the_nodes_are_named(graph):
 def test_foreign_joint_states_leave_a_recording_whole(graph, client):
     bag = graph.folder / 'bag'
     process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
-                          f'recorder:bag:={bag}', '-p', 'plant_simulator:real_time_factor:=0.5')
+                          f'recorder:bag:={bag}', '-p', 'plant_simulator:real_time_factor:=0.1')
     states = client.listen('/joint_states', JointState)
     publisher = client.node.create_publisher(JointState, '/joint_states', 10)
     client.spin_until(lambda: len(states) > 100, 'states')
+    client.spin_until(lambda: publisher.get_subscription_count() >= 3, 'all that hear states')
     for _ in range(3):
         publisher.publish(JointState(name=['elbow'], position=[1.0], velocity=[2.0]))
+    assert client.set('plant_simulator', real_time_factor=0.0).successful
     assert process.wait() == 0, process.output
     run = read(bag)
     assert_whole(run)
