@@ -6,27 +6,21 @@ log time = publish time = the stamp of the message. A chunk is handed to the ope
 soon as it is full, so a recorder that is killed loses no more than its last chunk.
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
-import struct
-from typing import Any, IO
+from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, Metadata
-from mcap.stream_reader import breakup_chunk, StreamReader
 import numpy as np
 import yaml
-from zstandard import ZstdError
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
+from impulse_control_ros.files.columns import BagError, Column, columns, naming
 from impulse_control_ros.files.definition import message_definition, type_hash
 from impulse_control_ros.files.mcap_file import McapFile
 
@@ -51,10 +45,6 @@ class _PlainDumper(yaml.SafeDumper):
 def to_yaml(content: Any) -> str:
     """Return ``content`` as YAML in the order given."""
     return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False)
-
-
-class BagError(Exception):
-    """A bag that cannot be written or read; the message names the path and the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,115 +191,83 @@ def storage_file(bag: str | Path) -> Path:
     return found[0]
 
 
-BROKEN = (McapError, OSError, ValueError, RuntimeError, struct.error, ZstdError)
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Turn what the MCAP library and its codecs raise into a `BagError` that names the file."""
-    try:
-        yield
-    except BROKEN as error:
-        raise BagError(f'{path}: {error or type(error).__name__}') from error
-
-
-def records(path: Path) -> Iterator[tuple[Channel, Message] | Metadata]:
-    """Yield messages and metadata: in the order of time; of a cut-off file, as far as it goes."""
-    with path.open('rb') as stream, naming(path):
-        reader = make_reader(stream, validate_crcs=True)
-        try:
-            finished = reader.get_summary() is not None
-        except BROKEN:  # what stands at the end is no footer
-            finished = False
-        if finished:
-            yield from reader.iter_metadata()
-            for _, channel, message in reader.iter_messages():
-                yield channel, message
-        else:
-            stream.seek(0)
-            yield from records_up_to_the_cut(stream)
-
-
-def records_up_to_the_cut(stream: IO[bytes]) -> Iterator[tuple[Channel, Message] | Metadata]:
-    """Yield what stands before the first incomplete record or damaged chunk."""
-    channels: dict[int, Channel] = {}
-    try:
-        for record in StreamReader(stream, emit_chunks=True).records:
-            inner = (breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk)
-                     else [record])
-            for item in inner:
-                if isinstance(item, Channel):
-                    channels[item.id] = item
-                elif isinstance(item, Message):
-                    yield channels[item.channel_id], item
-                elif isinstance(item, Metadata):
-                    yield item
-    except BROKEN:
-        return
-
-
 def read(bag: str | Path) -> Recording:
     """Read a bag of ours; raises `BagError` for what is none."""
     path = storage_file(bag)
-    rows: dict[str, list[Any]] = {'joint_states': [], 'joint_commands': [], 'impulse_events': []}
+    series = {'joint_states': Series(SAMPLE), 'joint_commands': Series(COMMAND),
+              'impulse_events': Series(IMPULSE)}
     parameters: dict[str, dict[str, Any]] = {}
     restarts: list[tuple[int, str, Mapping[str, Any]]] = []
     receipt: dict[str, str] = {}
     topics: set[str] = set()
-    layouts: dict[str, list[JointStateLayout]] | None = None
-    for item in records(path):
-        if isinstance(item, Metadata):
-            if item.name.startswith(PARAMETERS):
-                name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
-                values = {key: json.loads(value) for key, value in item.metadata.items()}
-                if stamp:
-                    restarts.append((int(stamp), name, values))
-                else:
-                    parameters[name] = values
-            elif item.name == 'recording':
-                receipt = item.metadata
-            continue
-        channel, message = item
-        topics.add(channel.topic)
-        kind = channel.topic.rsplit('/', 1)[-1]
-        if kind not in rows:
-            continue
-        if layouts is None:
-            layouts = layouts_of(parameters)
-        row = decoded(layouts[kind], message)
-        if row:
-            rows[kind].append(row)
-    if topics and not rows['joint_states']:
-        joint = layouts['joint_states'][0].joint if layouts else 'axis'
-        raise BagError(f'{path}: no joint_states of joint {joint!r} among its topics '
-                       f'{", ".join(sorted(topics))}')
-    return Recording(
-        states=np.array(rows['joint_states'], SAMPLE),
-        commands=np.array(rows['joint_commands'], COMMAND),
-        impulses=np.array(rows['impulse_events'], IMPULSE),
-        parameters=parameters, restarts=restarts, receipt=receipt)
+    for item in columns(path):
+        if isinstance(item, Column):
+            topics.add(item.topic)
+            kind = item.topic.rsplit('/', 1)[-1]
+            if kind in series:
+                series[kind].add(item, joint_of(parameters))
+        elif item.name.startswith(PARAMETERS):
+            name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
+            values = {key: json.loads(value) for key, value in item.metadata.items()}
+            if stamp:
+                restarts.append((int(stamp), name, values))
+            else:
+                parameters[name] = values
+        elif item.name == 'recording':
+            receipt = item.metadata
+    states, commands, impulses = (one.in_order() for one in series.values())
+    if topics and not len(states):
+        raise BagError(f'{path}: no joint_states of joint {joint_of(parameters)!r} among its '
+                       f'topics {", ".join(sorted(topics))}')
+    return Recording(states=states, commands=commands, impulses=impulses,
+                     parameters=parameters, restarts=restarts, receipt=receipt)
 
 
-def layouts_of(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, list[JointStateLayout]]:
-    """Return the layouts that each topic's messages may have."""
-    joint = next((values['joint_name'] for values in parameters.values()
-                  if 'joint_name' in values), 'axis')
-    return {'joint_states': [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)],
-            'joint_commands': [JointStateLayout(joint, '', ('effort',))],
-            'impulse_events': [JointStateLayout(joint, guard) for guard in GUARDS]}
+def joint_of(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the joint that the nodes of a recording are for."""
+    return next((values['joint_name'] for values in parameters.values()
+                 if 'joint_name' in values), 'axis')
 
 
-def decoded(layouts: list[JointStateLayout], message: Message) -> tuple[Any, ...] | None:
-    """
-    Return (stamp, values), with the guard's number first where there is a choice.
+class Series:
+    """The messages of one topic of ours, collected as rows of ``kind``."""
 
-    None stands for a message of another joint, or one whose place is not that of its stamp.
-    """
-    for number, layout in enumerate(layouts):
-        values = layout.decode(message.data)
-        if values is not None:
-            if values[0] * SECOND + values[1] != message.publish_time:
-                return None
-            guard = (number,) if len(layouts) == len(GUARDS) else ()
-            return (message.publish_time, *guard, *values[2:])
-    return None
+    def __init__(self, kind: np.dtype[Any]) -> None:
+        self._kind = kind
+        self._rows = [np.zeros(0, kind)]
+        self._times = [np.zeros(0, np.int64)]
+
+    def add(self, column: Column, joint: str) -> None:
+        """Take the messages of ``joint`` whose place is that of their stamp."""
+        rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
+        for which, content in column.same_size():
+            for number, layout in enumerate(self._layouts(joint)):
+                good, sec, nanosec, *values = layout.decode_rows(content)
+                at = which[good]
+                known[at] = True
+                rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
+                if self._kind is IMPULSE:
+                    rows['guard'][at] = number
+                for name, value in zip(self._measured, values, strict=True):
+                    rows[name][at] = value[good]
+        known &= rows['stamp'] == column.stamp
+        self._rows.append(rows[known])
+        self._times.append(column.time[known])
+
+    @property
+    def _measured(self) -> list[str]:
+        return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
+
+    def _layouts(self, joint: str) -> list[JointStateLayout]:
+        if self._kind is IMPULSE:
+            return [JointStateLayout(joint, guard) for guard in GUARDS]
+        if self._kind is COMMAND:
+            return [JointStateLayout(joint, '', ('effort',))]
+        return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]
+
+    def in_order(self) -> np.ndarray:
+        """Return the rows in the order of their log time."""
+        rows, times = np.concatenate(self._rows), np.concatenate(self._times)
+        if (times[1:] >= times[:-1]).all():
+            return rows
+        return rows[np.argsort(times, kind='stable')]

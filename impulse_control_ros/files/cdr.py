@@ -12,6 +12,8 @@ from collections.abc import Sequence
 import struct
 from typing import Any
 
+import numpy as np
+
 FIELDS = ('position', 'velocity', 'effort')
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
 # frame_id of the first state of a run, and of the first after a reset
@@ -32,6 +34,7 @@ class JointStateLayout:
         self._message, self._mask = bytearray(), bytearray()
         self._format: list[str] = []
         self._pieces: list[Any] = []
+        self._at: list[tuple[int, str]] = []
         self._written = 0
         self._lay_out()
         self.size = len(self._message)
@@ -58,6 +61,7 @@ class JointStateLayout:
     def _put_variable(self, code: str) -> None:
         """Leave room for one value, and pack what came before it as a constant."""
         constant = bytes(self._message[self._written:])
+        self._at.append((len(self._message), {'I': '<u4', 'd': '<f8'}[code]))
         self._put(bytes(struct.calcsize('<' + code)), constant=False)
         self._format += [f'{len(constant)}s', code]
         self._pieces += [constant, 0]
@@ -93,6 +97,23 @@ class JointStateLayout:
                 int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):
             return None
         return self._read.unpack_from(raw)
+
+
+    def decode_rows(self, rows: np.ndarray) -> list[np.ndarray]:
+        """
+        Return (whether it has this layout, sec, nanosec, *values), each of shape (n,).
+
+        ``rows`` of shape (n, size) are the bytes of n messages of one size; what `decode` takes
+        for none has meaningless values.
+        """
+        count, size = rows.shape
+        if size < self.size:
+            return [np.zeros(count, bool), *np.zeros((len(self._at), count))]
+        front = rows[:, :self.size]
+        mask, message = (np.frombuffer(item, np.uint8) for item in (self._mask, self._message))
+        good = (front & mask == message).all(axis=1)
+        return [good, *(front[:, at:at + np.dtype(code).itemsize].copy().view(code)[:, 0]
+                        for at, code in self._at)]
 
 
 def string(text: str) -> bytes:

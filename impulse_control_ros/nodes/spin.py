@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.files.bag import BagError
+from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.parameters import missed_by, override_keys
 

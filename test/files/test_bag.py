@@ -4,6 +4,7 @@ from pathlib import Path
 
 from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -197,6 +198,23 @@ def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
     writer.close()
     with pytest.raises(BagError, match='no joint_states .* among its topics /elsewhere'):
         read(tmp_path / 'run')
+
+
+@pytest.mark.parametrize('chunked', [True, False])
+def test_a_bag_of_another_writer_is_read_in_the_order_of_time(tmp_path, chunked):
+    path = tmp_path / 'other.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=4096, use_chunking=chunked)
+        writer.start('ros2')
+        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
+        channels = {number: writer.register_channel(name, 'cdr', schema) for number, name in (
+            (1, '/left/joint_states'), (2, '/left/impulse_events'), (3, '/left/joint_commands'))}
+        for stamp, number, raw in sorted(entries(500), key=lambda entry: entry[0] // 10**7 % 2):
+            writer.add_message(channels[number], stamp, raw, stamp)
+        writer.finish()
+    run, ours = read(path), read(finished(tmp_path / 'run', 500))
+    for name in ('states', 'commands', 'impulses'):
+        assert getattr(run, name).tobytes() == getattr(ours, name).tobytes()
 
 
 def test_a_folder_without_a_file_is_refused(tmp_path):
