@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import yaml
 
-from impulse_control_ros.files.bag import read
+from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.parameter_table import document
 from test.conftest import BIN, ROOT, wait_for
 

@@ -13,8 +13,8 @@ import sys
 
 from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.bag import read, Recording
 from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.recording import read, Recording
 
 CASES = ('pd_only_lower', 'underdamped')
 

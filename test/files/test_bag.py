@@ -11,9 +11,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-from impulse_control_ros.files.bag import BagError, BagWriter, read, Topic
+from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.mcap_file import CHUNK_SIZE
+from impulse_control_ros.files.recording import read
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}

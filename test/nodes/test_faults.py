@@ -11,8 +11,8 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files.bag import read
 from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.recording import read
 from test.conftest import CONFIG
 
 UNDERDAMPED = CONFIG / 'underdamped.yaml'

@@ -14,8 +14,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.parameter import declared
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.bag import read
 from impulse_control_ros.files.experiment import NODES
+from impulse_control_ros.files.recording import read
 from test.conftest import CONFIG, wait_for
 
 REAL_TIME = ('-p', 'plant_simulator:real_time_factor:=0.02')

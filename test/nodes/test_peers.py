@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from impulse_control_ros.files.bag import read
+from impulse_control_ros.files.recording import read
 from test.conftest import CONFIG
 
 UNDERDAMPED = CONFIG / 'underdamped.yaml'

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files.bag import read, Recording
 from impulse_control_ros.files.experiment import Experiment, read_experiment
+from impulse_control_ros.files.recording import read, Recording
 from test.conftest import busy_loops, CONFIG, Graph
 
 NODES = ('plant_simulator', 'controller', 'recorder')

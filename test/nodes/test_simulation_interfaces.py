@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.bag import read
+from impulse_control_ros.files.recording import read
 from test.nodes.test_live import finish, paused, start
 
 OURS = {'reset': 'std_srvs/srv/Trigger', 'pause': 'std_srvs/srv/SetBool',

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from impulse_control_ros.files.bag import read
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout
+from impulse_control_ros.files.recording import read
 from impulse_control_ros.nodes.topics import TypedLayout, verified
 from test.conftest import CONFIG, ROOT
 
