@@ -174,16 +174,15 @@ def long_step(position, velocity, effort, damping, m, friction, duration):
 
 
 @compiled
-def step_state(axis, damping, state, effort):
-    """Advance the record ``state`` by one sample under ``effort`` [N], in place."""
-    damping_at(damping, state)
-    state.position, state.velocity = axis_step(
-        state.position, state.velocity, effort, state.damping, axis.m, axis.F_c, axis.time_step)
-    state.effort = effort
-    state.tick += 1
-
-
-@compiled
 def plant_step(axis, damping, state, effort):
-    """Do `step_state` on arrays of shape (1,): the form the plant node calls."""
-    step_state(axis[0], damping[0], state[0], effort)
+    """
+    Advance the state by one sample under ``effort`` [N], in place.
+
+    All are arrays of shape (1,), the form that the plant node has.
+    """
+    now, axle = state[0], axis[0]
+    now.damping, now.noise = damping_at(damping[0], now.noise, now.tick)
+    now.position, now.velocity = axis_step(
+        now.position, now.velocity, effort, now.damping, axle.m, axle.F_c, axle.time_step)
+    now.effort = effort
+    now.tick += 1

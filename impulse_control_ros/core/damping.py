@@ -118,13 +118,12 @@ def within_bounds(kind, value, lower, upper, noise, wave):
 
 
 @compiled
-def damping_at(profile, state):
-    """Set ``damping``, and the filter's ``noise``, for the sample that starts at the tick."""
+def damping_at(profile, noise, tick):
+    """Return d for the sample that starts at ``tick``, and the filter's noise there."""
     wave = 0.0
     if profile.kind == NOISE:
-        state.noise = filtered(
-            state.noise, profile.pole, profile.gain, profile.seed, state.tick)
+        noise = filtered(noise, profile.pole, profile.gain, profile.seed, tick)
     elif profile.kind == SINUSOIDAL:
-        wave = sine(profile.turn * state.tick)
-    state.damping = within_bounds(
-        profile.kind, profile.value, profile.lower, profile.upper, state.noise, wave)
+        wave = sine(profile.turn * tick)
+    return within_bounds(
+        profile.kind, profile.value, profile.lower, profile.upper, noise, wave), noise

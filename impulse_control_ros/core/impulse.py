@@ -201,20 +201,31 @@ def answered(memory, gains, position, velocity):
 
 
 @compiled
-def answer_sample(memory, gains, position, velocity, answer):
-    """Do `answered` on records: update ``memory``, fill ``answer``, in place."""
-    before = Memory(memory.started, memory.position, memory.side, memory.direction, memory.x_r,
-                    memory.pending, memory.pulsed, memory.hold)
-    law = Gains(gains.K, gains.D, gains.position_gain, gains.velocity_gain, gains.x_r,
-                gains.impulses, gains.effort_limit, gains.position_deadband,
-                gains.velocity_deadband, gains.hold_off, gains.time_step, gains.sample_rate)
-    answer.effort, answer.area, answer.guard, after = answered(before, law, position, velocity)
-    memory.started, memory.position, memory.side = after.started, after.position, after.side
-    memory.direction, memory.x_r, memory.pending = after.direction, after.x_r, after.pending
-    memory.pulsed, memory.hold = after.pulsed, after.hold
+def unpacked(gains):
+    """Return the `Gains` of a record."""
+    return Gains(gains.K, gains.D, gains.position_gain, gains.velocity_gain, gains.x_r,
+                 gains.impulses, gains.effort_limit, gains.position_deadband,
+                 gains.velocity_deadband, gains.hold_off, gains.time_step, gains.sample_rate)
+
+
+@compiled
+def fresh():
+    """Return the memory before the first sample."""
+    return Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compiled
 def control(memory, gains, position, velocity, answer):
-    """Do `answer_sample` on arrays of shape (1,): the form the controller node calls."""
-    answer_sample(memory[0], gains[0], position, velocity, answer[0])
+    """
+    Do `answered` in place: update ``memory``, fill ``answer``.
+
+    Those and ``gains`` are arrays of shape (1,), the form that the controller node has.
+    """
+    old, sent = memory[0], answer[0]
+    before = Memory(old.started, old.position, old.side, old.direction, old.x_r, old.pending,
+                    old.pulsed, old.hold)
+    sent.effort, sent.area, sent.guard, after = answered(
+        before, unpacked(gains[0]), position, velocity)
+    old.started, old.position, old.side = after.started, after.position, after.side
+    old.direction, old.x_r, old.pending = after.direction, after.x_r, after.pending
+    old.pulsed, old.hold = after.pulsed, after.hold

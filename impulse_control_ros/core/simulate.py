@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, DIVERGED, DivergedError, step_state
-from impulse_control_ros.core.impulse import ANSWER, answer_sample, Controller, fresh_memory
+from impulse_control_ros.core.axis import Axis, axis_step, DIVERGED, DivergedError
+from impulse_control_ros.core.damping import damping_at
+from impulse_control_ros.core.impulse import answered, Controller, fresh, unpacked
 from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import ticks
@@ -37,17 +38,17 @@ class Run:
 
 
 @compiled
-def closed_loop(axis, profile, state, gains, memory, position, velocity, effort, area, guard,
-                damping):
+def closed_loop(axis, profile, start, gains, position, velocity, effort, area, guard, damping):
     """Fill the arrays of n steps: ``damping`` of shape (n,), all others of shape (n + 1,)."""
-    answer = np.zeros(1, ANSWER)[0]
+    m, F_c, time_step = axis[0].m, axis[0].F_c, axis[0].time_step
+    law, memory = unpacked(gains[0]), fresh()
+    x, v, noise = start[0].position, start[0].velocity, 0.0
     for k in range(len(position)):
-        position[k], velocity[k] = state[0].position, state[0].velocity
-        answer_sample(memory[0], gains[0], position[k], velocity[k], answer)
-        effort[k], area[k], guard[k] = answer.effort, answer.area, answer.guard
+        position[k], velocity[k] = x, v
+        effort[k], area[k], guard[k], memory = answered(memory, law, x, v)
         if k < len(damping):
-            step_state(axis[0], profile[0], state[0], answer.effort)
-            damping[k] = state[0].damping
+            damping[k], noise = damping_at(profile[0], noise, k)
+            x, v = axis_step(x, v, effort[k], damping[k], m, F_c, time_step)
 
 
 def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
@@ -75,8 +76,8 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     steps = steps_of(axis, controller, duration)
     position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
     guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
-    closed_loop(*axis.packed(), axis.start(), controller.packed(), fresh_memory(), position,
-                velocity, effort, area, guard, damping)
+    closed_loop(*axis.packed(), axis.start(), controller.packed(), position, velocity, effort,
+                area, guard, damping)
     if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
         size = np.maximum(np.abs(position), np.abs(velocity))
         first = int(np.flatnonzero(~(size < DIVERGED))[0])

@@ -4,19 +4,16 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import STATE
 from impulse_control_ros.core.damping import Damping, damping_at, sine, white
 
 STEP = 1e-4
 
 
 def profile(damping, count):
-    packed, state = damping.packed(STEP)[0], np.zeros(1, STATE)[0]
+    packed, noise = damping.packed(STEP)[0], 0.0
     values = np.empty(count)
     for tick in range(count):
-        state['tick'] = tick
-        damping_at(packed, state)
-        values[tick] = state['damping']
+        values[tick], noise = damping_at(packed, noise, tick)
     return values
 
 
