@@ -25,7 +25,6 @@ from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign
-# stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
 
 
@@ -117,6 +116,15 @@ def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, A
     for name, unit in (('time_step', ' [s]'), ('joint_name', '')):
         if axis.get(name, gains[name]) != gains[name]:
             raise refusal(name, gains[name], f'that of {plant}, {axis[name]}{unit}')
+
+
+def axis_of(values: Mapping[str, Any]) -> Axis | None:
+    """Return the axis of a plant's values by name; None for a plant that is none of ours."""
+    ours = {name: value for name, value in values.items() if not is_foreign(name)}
+    try:
+        return build(PlantParameters, ours)
+    except ParameterError:
+        return None
 
 
 class _Loader(yaml.SafeLoader):

@@ -3,17 +3,19 @@ Put the raw messages of several topics into the order of time, and look for gaps
 
 Topics are numbered: STATES, EVENTS, COMMANDS, then whatever else is recorded. The series are the
 states and the commands of one run: one message per sample each. Their messages and the impulse
-events carry their stamp at the front of their CDR; whatever else gets the stamp of the newest
-state. A message with the same bytes as the one before it on its topic is a repeat and dropped.
-A message that comes too late for its place, or whose stamp is more than a second ahead of the
-states, takes the nearest place that is left.
+events carry their stamp at the front of their CDR; whatever else gets the stamp of the state
+that was published last before it, by the writers' clocks. A message of the series with the same
+bytes as the one before it is a repeat and dropped. A message that comes too late for its place,
+or whose stamp is more than a second ahead of the states, takes the nearest place that is left.
 
 Another run begins with a state that is marked as a start and does not follow the one before, or
 that goes back in time and is borne out: by the state one step after it, or by coming again. A
-state of another joint, or one that is not borne out, is foreign: kept, but not of the series.
+state of another joint, one that is not borne out, or one of a second plant beside the first, is
+foreign: kept, but not of the series.
 """
 
-from collections.abc import Sequence
+from bisect import bisect
+from collections.abc import Callable, Mapping, Sequence
 from enum import auto, Enum
 from operator import itemgetter
 import struct
@@ -23,6 +25,8 @@ from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR, RESET_MARK, string
 
 FOREIGN, STATES, EVENTS, COMMANDS = range(-1, 3)
 Entry = tuple[int, int, bytes]
+Taken = tuple[bytes, Mapping[str, int]]  # as rclpy's take_message returns it
+KEPT = 100_000
 _STAMP = struct.Struct('<4sII')
 _MARK = string(RESET_MARK)
 _MARK_AT = slice(_STAMP.size, _STAMP.size + len(_MARK))
@@ -39,8 +43,9 @@ class Verdict(Enum):
 
 class Timeline:
     """
-    The order of one run of ``joint`` ('' for any); ``step_ns`` is its sampling period.
+    The order of one run of ``joint``, '' for any; ``step_ns`` is its sampling period.
 
+    ``alone`` tells whether no second plant publishes states.
     ``missing`` counts samples without their state, and states without their command, behind the
     first answered state; ``repeated`` the dropped messages; ``foreign`` the states that are not
     of the series; ``taken`` the states that have been taken; ``newest`` is the stamp [ns] of the
@@ -48,18 +53,23 @@ class Timeline:
     tells that the next state is the first of another run.
     """
 
-    def __init__(self, step_ns: int, joint: str = '') -> None:
+    def __init__(self, step_ns: int, joint: str = '',
+                 alone: Callable[[], bool] = lambda: True) -> None:
         self.missing = self.repeated = self.foreign = self.taken = 0
         self.newest = self.reached = 0
         self.over = False
         self.step_ns = step_ns
         self._joint = string(joint) if joint else b''
+        self._alone = alone
         self._waiting: list[Entry] = []
+        self._unstamped: list[tuple[int, int, bytes]] = []
+        self._published: list[int] = []
+        self._stamps: list[int] = []
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
         self._last_state = 0
         self._answered = self._met = False
 
-    def add(self, index: int, messages: Sequence[bytes], everything: bool = False) -> int:
+    def add(self, index: int, messages: Sequence[Taken], everything: bool = False) -> int:
         """
         Add messages of a topic; returns how many were taken.
 
@@ -69,10 +79,10 @@ class Timeline:
         if index == STATES:
             return self._add_states(messages, everything)
         if index not in self._before:
-            self._waiting += [(self.newest, index, raw) for raw in messages]
+            self._unstamped += [(info['source_timestamp'], index, raw) for raw, info in messages]
             return len(messages)
         latest = self.newest + SECOND if self.newest else 2**63
-        for raw in messages:
+        for raw, _ in messages:
             if raw == self._before[index]:
                 self.repeated += 1
                 continue
@@ -81,17 +91,21 @@ class Timeline:
             self._waiting.append((stamp, index, raw))
         return len(messages)
 
-    def _add_states(self, messages: Sequence[bytes], everything: bool) -> int:
-        for number, raw in enumerate(messages):
+    def _add_states(self, messages: Sequence[Taken], everything: bool) -> int:
+        for number, (raw, info) in enumerate(messages):
             if raw == self._before[STATES]:
                 self.repeated += 1
                 continue
             stamp, verdict = stamp_of(raw), Verdict.SERIES
             if stamp != self.newest + self.step_ns or self._joint not in raw:
                 verdict = self._verdict(stamp, raw, messages[number + 1:], everything)
+                if verdict is Verdict.ANOTHER_RUN and not self._alone():
+                    verdict = Verdict.FOREIGN
             if verdict is Verdict.SERIES:
                 self._before[STATES], self.newest = raw, stamp
                 self._waiting.append((stamp, STATES, raw))
+                self._published.append(info['source_timestamp'])
+                self._stamps.append(stamp)
             elif verdict is Verdict.FOREIGN:
                 self.foreign += 1
                 self._waiting.append((self.newest, FOREIGN, raw))
@@ -100,7 +114,7 @@ class Timeline:
                 return number
         return len(messages)
 
-    def _verdict(self, stamp: int, raw: bytes, after: Sequence[bytes], everything: bool
+    def _verdict(self, stamp: int, raw: bytes, after: Sequence[Taken], everything: bool
                  ) -> Verdict:
         if not stamp or self._joint not in raw:
             return Verdict.FOREIGN
@@ -111,7 +125,7 @@ class Timeline:
             return Verdict.ANOTHER_RUN
         if not back and stamp <= self.newest + SECOND:
             return Verdict.SERIES
-        for other in after:
+        for other, _ in after:
             if self._joint in other:
                 borne_out = other == raw or self.newest != stamp == (
                     stamp_of(other) - self.step_ns)
@@ -121,6 +135,7 @@ class Timeline:
 
     def take(self, everything: bool = False) -> list[Entry]:
         """Return in order what is in its place for good: up to `reached`, or ``everything``."""
+        self._place_unstamped(everything)
         self._waiting.sort(key=itemgetter(0, 1))
         ready, state = 0, self._last_state
         for number, (stamp, index, _) in enumerate(self._waiting):
@@ -135,6 +150,21 @@ class Timeline:
         if self.foreign:
             taken = [(stamp, max(index, STATES), raw) for stamp, index, raw in taken]
         return taken
+
+    def _place_unstamped(self, everything: bool) -> None:
+        """Give a stamp to what was published before the newest state, or to ``everything``."""
+        last = self._published[-1] if self._published else 0
+        left = []
+        for published, index, raw in self._unstamped:
+            if published < last or everything:
+                at = bisect(self._published, published)
+                stamp = self._stamps[max(at, 1) - 1] if self._stamps else 0
+                self._waiting.append((stamp, index, raw))
+            else:
+                left.append((published, index, raw))
+        self._unstamped = left
+        if len(self._published) > 2 * KEPT:
+            del self._published[:-KEPT], self._stamps[:-KEPT]
 
     def _count_missing(self, entries: Sequence[Entry]) -> None:
         for stamp, index, _ in entries:

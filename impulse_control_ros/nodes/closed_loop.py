@@ -59,9 +59,8 @@ class ClosedLoop:
 
     def make_recorder(self) -> Recorder:
         """Make the recorder."""
-        self._recorder = recorder = Recorder()
-        recorder.taken_directly = recorder.inboxes.keys()
-        return recorder
+        self._recorder = Recorder()
+        return self._recorder
 
     def run_slice(self) -> bool:
         """Run samples for a while; returns whether any was made."""

@@ -19,23 +19,23 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.design import Finding, findings, Level
 from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.cdr import RESET_MARK
-from impulse_control_ros.files.experiment import ControllerParameters, require_agreement
+from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.graph import publishers
+from impulse_control_ros.nodes.graph import plants, publishers
 from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layout,
     decode_any,
     event_layout,
-    EVENT_QOS,
     IMPULSE_EVENTS,
     JOINT_COMMANDS,
     JOINT_STATES,
@@ -72,8 +72,9 @@ class Controller(ParameterNode):
         self._plant_known = False
         self._held = b''
         self._findings: list[Finding] = []
+        self._axis: Axis | None = None
         self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
-        self._events = self.create_publisher(JointState, IMPULSE_EVENTS, EVENT_QOS)
+        self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_command = self._commands.handle.publish_raw
@@ -85,22 +86,26 @@ class Controller(ParameterNode):
 
     def _warn(self) -> None:
         """Say what is unwise now, once."""
-        before, self._findings = self._findings, findings(self.parameters)
+        before, self._findings = self._findings, findings(self.parameters, self._axis)
         for finding in self._findings:
             if finding in before:
                 continue
             # rclpy takes one severity for each call
             if finding.level is Level.NOTE:
                 self.get_logger().info(finding.text)
-            else:
+            elif finding.level is Level.WARNING:
                 self.get_logger().warning(finding.text)
+            else:
+                self.get_logger().error(finding.text)
 
     # -- the plant --------------------------------------------------------------------------
 
     def trust(self, plant: str, axis: Mapping[str, Any]) -> None:
         """Answer from now on the ``plant`` with these parameters, or raise `ParameterError`."""
         require_agreement(plant, axis, self.parameters.flat())
+        self._axis = axis_of(axis)
         self._plant_known = True
+        self._warn()
 
     def _meet_plant(self) -> None:
         """Ask the plant for its parameters; then answer the state that was held meanwhile."""
@@ -113,15 +118,29 @@ class Controller(ParameterNode):
         except ParameterError as error:
             self.fail(error)
             return
+        for plant in self._plant.silent:
+            self.get_logger().warning(f'{plant} does not tell its parameters: joint and time step '
+                                      'are taken to be ours')
         self._plant_known, self._plant = True, None
         self.on_state(self._held)
 
     def _start_afresh(self, sec: int, nanosec: int) -> bool:
-        """Clear the guard memory; returns False for a plant that is to be met anew."""
+        """
+        Clear the guard memory; returns False for a state that is not to be answered now.
+
+        It is of a plant that is to be met anew, or of a second one beside the one we know.
+        """
+        follows = self._stamp != NEVER and (
+            (sec - self._stamp[0]) * SECOND + nanosec - self._stamp[1] == self._step_ns)
+        if self._stamp != NEVER and not follows and len(plants(self)) > 1:
+            self.get_logger().warning(
+                f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
+                'is not answered', throttle_duration_sec=5.0)
+            return False
         self._memory = fresh_memory()
         if self._stamp == NEVER:
             self._first, self._answered_before = (sec, nanosec), self._counts['answered']
-        elif (sec - self._stamp[0]) * SECOND + nanosec - self._stamp[1] != self._step_ns:
+        elif not follows:
             self.get_logger().info(f'joint_states went from {self._stamp[0]}.{self._stamp[1]:09d} '
                                    f's to {sec}.{nanosec:09d} s: started afresh')
             self._lost_before = self._lost()
@@ -173,7 +192,7 @@ class Controller(ParameterNode):
             self._reject(f'a state with position {position}, velocity {velocity}')
             return
         if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(sec, nanosec):
-            self._held = raw
+            self._held = b'' if self._plant_known else raw
             return
         self._stamp, self._seen = (sec, nanosec), raw
         self._control(self._memory, self._packed, position, velocity, self._answer)

@@ -6,26 +6,33 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from impulse_control_ros.nodes.graph import publishers, subscribers
+from impulse_control_ros.nodes.graph import plants
 from impulse_control_ros.nodes.recorders import Recorders
-from impulse_control_ros.nodes.topics import JOINT_STATES, RECORDER_PROGRESS
 
 REPORT = 2.0
 SETTLE = 0.5  # a controller may be discovered before another plant is
+LEASE = 25.0  # DDS knows by then that a process is dead
 
 
 class Meeting:
-    """The peers of a plant ``node`` with these endpoints and ``recorders``."""
+    """
+    The peers of a plant ``node`` whose publisher ``states`` has an id among ``own``.
 
-    def __init__(self, node: Node, states: Publisher, commands: Subscription,
+    Another plant is one that publishes our states, or that a controller sends commands to. When
+    several wait for each other, the one of the lowest id goes first.
+    """
+
+    def __init__(self, node: Node, own: set[bytes], states: Publisher, commands: Subscription,
                  recorders: Recorders) -> None:
-        self._node, self._states, self._commands = node, states, commands
+        self._node, self._own, self._states, self._commands = node, own, states, commands
         self._recorders = recorders
-        self._reported_at = self._incomplete_at = monotonic()
+        self._reported_at = self._incomplete_at = self._quiet_since = monotonic()
+        self._heard = False
 
     def complete(self, now: float, recorder_wanted: bool) -> bool:
         """Tell whether all have been there for a while; say now and then who is not."""
-        missing = self._missing(recorder_wanted)
+        self._recorders.forget_lost()
+        missing = self._missing(now, recorder_wanted)
         if missing:
             self._incomplete_at = now
             if now >= self._reported_at + REPORT:
@@ -33,19 +40,28 @@ class Meeting:
                 self._node.get_logger().info(f'waiting for {" and ".join(missing)}')
         return now >= self._incomplete_at + SETTLE
 
-    def _missing(self, recorder_wanted: bool) -> list[str]:
+    def _missing(self, now: float, recorder_wanted: bool) -> list[str]:
         missing = []
-        if not (self._states.get_subscription_count() and self._commands.get_publisher_count()):
+        controllers = self._commands.get_publisher_count()
+        if not (self._states.get_subscription_count() and controllers):
             missing.append('a controller')
+        if controllers > 1:
+            missing.append(f'all but one of {controllers} controllers to leave '
+                           f'{self._commands.topic_name}')
         if recorder_wanted and not self._recorders:
             missing.append('a recorder')
-        if self._states_shared():
+        if self._another_plant(now):
             missing.append(f'another plant to leave {self._states.topic_name}; one more can run '
                            'in a namespace (-r __ns:=/NAME) or another ROS_DOMAIN_ID')
         return missing
 
-    def _states_shared(self) -> bool:
-        """Tell whether another plant publishes our states: it too hears of recorders."""
-        plants = publishers(self._node, JOINT_STATES)
-        return len(plants) > 1 and len(
-            [name for name in subscribers(self._node, RECORDER_PROGRESS) if name in plants]) > 1
+    def _another_plant(self, now: float) -> bool:
+        if self._heard:
+            self._heard, self._quiet_since = False, now
+        others = plants(self._node) - self._own
+        first = now > self._quiet_since + LEASE and min(self._own) < min(others, default=b'')
+        return now < self._quiet_since + SETTLE or (bool(others) and not first)
+
+    def hear(self) -> None:
+        """Take note of a command before there is a state of ours: it is for another plant."""
+        self._heard = True

@@ -24,6 +24,7 @@ from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MAR
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
+from impulse_control_ros.nodes.graph import publisher_ids
 from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -39,7 +40,6 @@ from impulse_control_ros.nodes.topics import (
     JOINT_COMMANDS,
     JOINT_STATES,
     SERIES_QOS,
-    SLOW_QOS,
     state_layout,
     UnreadableError,
 )
@@ -82,19 +82,22 @@ class PlantSimulator(ParameterNode):
         self._create_endpoints()
 
     def _create_endpoints(self) -> None:
+        others = publisher_ids(self, JOINT_STATES)
         self._states = self.create_publisher(JointState, JOINT_STATES, SERIES_QOS)
+        own = publisher_ids(self, JOINT_STATES) - others
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_message = self._states.handle.publish_raw
-        self._clock_topic = self.create_publisher(Clock, CLOCK, SLOW_QOS)
-        self._damping = self.create_publisher(Float64, DAMPING, SLOW_QOS)
+        self._clock_topic = self.create_publisher(Clock, CLOCK, SERIES_QOS)
+        self._damping = self.create_publisher(Float64, DAMPING, SERIES_QOS)
         self.commands = self.create_subscription(
             JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
-        self._meeting = Meeting(self, self._states, self.commands, self._recorders)
+        self._meeting = Meeting(self, own, self._states, self.commands, self._recorders)
         SimulationControl(self)
         SimulationInterfaces(self)
         Diagnostics(self, self._progress, self._report)
         self._accepted_before = 0
-        self._began = 0.0
+        self._known_troubles: set[str] = set()
+        self._began = self._moving_since = 0.0
 
     def parameters_changed(self) -> None:
         """Let the next sample be made with the new parameters."""
@@ -151,6 +154,8 @@ class PlantSimulator(ParameterNode):
 
     def on_command(self, raw: bytes) -> None:
         """Take one joint command, given as CDR."""
+        if self.tick < 0:
+            self._meeting.hear()
         values = self._command_layout.decode(raw)
         if values is None:
             try:
@@ -235,7 +240,7 @@ class PlantSimulator(ParameterNode):
     def _start_when_matched(self, now: float) -> float:
         if not self._meeting.complete(now, self.parameters.wait_for_recorder):
             return 0.02
-        self._began = now
+        self._began = self._moving_since = now
         self._state = self.parameters.start()
         self._pace.restart(0)
         self._publish_sample(self._reset_layout)
@@ -282,6 +287,7 @@ class PlantSimulator(ParameterNode):
     def pause(self, paused: bool) -> None:
         """Hold the next sample, or go on."""
         self.paused, self._steps_left = paused, 0
+        self._moving_since = math.inf if paused else monotonic()
         self._pace.restart(self.tick)
 
     def step(self, samples: int) -> bool:
@@ -303,20 +309,32 @@ class PlantSimulator(ParameterNode):
         return self.tick, self.tick * self.parameters.time_step
 
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
-        unheard = not self._lockstep and rate > 0 and self._accepted_before == accepted
-        if unheard:
-            self.get_logger().warning(
-                f'no command for a second at {self.seconds()} s: {self._effort:g} N is held',
-                throttle_duration_sec=5.0)
+        troubles = self._troubles(rate)
+        for name in troubles.keys() - self._known_troubles:
+            self.get_logger().warning(troubles[name])
+        self._known_troubles = set(troubles)
         held = [name for name, holds in (
             ('a command', self._awaiting), ('resume', self.paused),
             ('a recorder', self.tick >= self._recorders.limit)) if holds]
-        message = ('running without commands' if unheard else 'running' if rate
-                   else 'waiting for ' + (' and '.join(held) or 'peers'))
-        return DiagnosticStatus.OK if message == 'running' else DiagnosticStatus.WARN, message, {
+        message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
+        level = DiagnosticStatus.OK if rate and not troubles else DiagnosticStatus.WARN
+        return level, '; '.join((message, *troubles.values())), {
             'recorders': len(self._recorders), 'missed_deadlines': self._pace.missed,
             **self._pace.report(), **self._counts, 'lost': self._lost()}
+
+    def _troubles(self, rate: float) -> dict[str, str]:
+        """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
+        controllers, factor = self.commands.get_publisher_count(), rate * self.parameters.time_step
+        accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
+        wanted = self.parameters.real_time_factor
+        return {name: text for name, is_so, text in (
+            ('unheard', not self._lockstep and rate > 0 and self._accepted_before == accepted,
+             f'no command for a second at {self.seconds()} s: {self._effort:g} N is held'),
+            ('controllers', controllers > 1,
+             f'{controllers} controllers publish {self.commands.topic_name}: of the commands for '
+             'a state the first acts'),
+            ('slow', 0.0 < factor < 0.9 * wanted and monotonic() > self._moving_since + 2.0,
+             f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""

@@ -24,6 +24,7 @@ from typing import Any
 from uuid import uuid4
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
@@ -33,14 +34,13 @@ from impulse_control_ros import __version__
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.bag import BagWriter, PARAMETERS, require_writable, Topic
 from impulse_control_ros.files.experiment import RecorderParameters
-from impulse_control_ros.files.timeline import Timeline
+from impulse_control_ros.files.timeline import Taken, Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.entry import StopRequest
-from impulse_control_ros.nodes.graph import full_name
+from impulse_control_ros.nodes.graph import full_name, plants
 from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
-    EVENT_QOS,
     IMPULSE_EVENTS,
     JOINT_COMMANDS,
     JOINT_STATES,
@@ -72,20 +72,24 @@ class Recorder(ParameterNode):
         self._peers: set[tuple[str, bytes]] = set()
         self._asking: PeerParameters | None = None
         self._told: dict[str, dict[str, Any]] = {}
-        self.inboxes: dict[Subscription, list[bytes]] = {}
+        self.inboxes: dict[Subscription, list[Taken]] = {}
+        self.taken_directly = self.inboxes.keys()
         self._kinds: dict[Subscription, str] = {}
         self._channels: list[int] = []
         # Events before commands: a peer that has matched our commands has matched our events.
-        for topic, qos in ((IMPULSE_EVENTS, EVENT_QOS), (JOINT_COMMANDS, SERIES_QOS),
+        for topic, qos in ((IMPULSE_EVENTS, SERIES_QOS), (JOINT_COMMANDS, SERIES_QOS),
                            (JOINT_STATES, SERIES_QOS)):
             self._subscribe(topic, 'sensor_msgs/msg/JointState', JointState, qos)
         events, commands, states = self.inboxes
-        self.inboxes = {item: self.inboxes[item] for item in (states, events, commands)}
+        for subscription in (events, commands):
+            self.inboxes[subscription] = self.inboxes.pop(subscription)
         self._series = (states, commands)
         self._wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics} - {
             subscription.topic_name for subscription in self.inboxes}
         self._progress = self.create_publisher(Header, RECORDER_PROGRESS, SLOW_QOS)
-        self.create_timer(WATCH_PERIOD, self._watch)
+        # on the steady clock: simulated time may stand still
+        self.create_timer(WATCH_PERIOD, self._watch,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._watch()
         Diagnostics(self, self._covered, self._report)
 
@@ -93,18 +97,17 @@ class Recorder(ParameterNode):
 
     def _subscribe(self, topic: str, kind: str, message_class: type, qos: QoSProfile
                    ) -> Subscription:
-        inbox: list[bytes] = []
-        made = self.create_subscription(message_class, topic, inbox.append, qos, raw=True)
-        self.inboxes[made] = inbox
+        made = self.create_subscription(message_class, topic, unused, qos, raw=True)
+        self.inboxes[made] = []
         self._kinds[made] = kind
         return made
 
     def take(self) -> None:
-        """Take what waits in the subscriptions, when no executor does."""
+        """Take what waits in the subscriptions: no executor does, it would drop the info."""
         for subscription, inbox in self.inboxes.items():
             take = subscription.handle.take_message
             while taken := take(subscription.msg_type, True):
-                inbox.append(taken[0])
+                inbox.append(taken)
 
     def _watch(self) -> None:
         """Look for topics and peers that have appeared on the graph."""
@@ -123,12 +126,14 @@ class Recorder(ParameterNode):
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
             latched = offers and all(
                 qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
-            made = self._subscribe(
-                topic, kinds[0], getattr(import_module(f'{package}.msg'), name), QoSProfile(
-                    depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
-                    else ReliabilityPolicy.RELIABLE,
-                    durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
-                    else DurabilityPolicy.VOLATILE))
+            qos = QoSProfile(
+                depth=SERIES_QOS.depth,
+                reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
+                else ReliabilityPolicy.RELIABLE,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
+                else DurabilityPolicy.VOLATILE)
+            kind = getattr(import_module(f'{package}.msg'), name)
+            made = self._subscribe(topic, kinds[0], kind, qos)
             if self.bag:
                 self._channels.append(self._add_topic(made))
 
@@ -178,7 +183,7 @@ class Recorder(ParameterNode):
             known |= values
         step = known.get('time_step', 0.0)
         self._timeline = Timeline(nanoseconds(step, 'time_step') if step else DEFAULT_STEP_NS,
-                                  known.get('joint_name', ''))
+                                  known.get('joint_name', ''), lambda: len(plants(self)) < 2)
         self._first_at = self._last_at = 0.0
         self._channels = [self._add_topic(subscription) for subscription in self.inboxes]
         self.get_logger().info(f'recording into {folder}')
@@ -230,6 +235,7 @@ class Recorder(ParameterNode):
 
     def poll(self) -> float:
         """Write a batch when it is due, and tell the plant how far the recording is."""
+        self.take()
         now = monotonic()
         if now < self._batch_at and len(self.inboxes[self._series[0]]) < BATCH:
             return BATCH_PERIOD
@@ -273,6 +279,10 @@ class Recorder(ParameterNode):
             self._finish()
             if not same:
                 self._open(self._told)
+
+
+def unused(_: bytes) -> None:
+    """Be the callback of a subscription that no executor serves."""
 
 
 def main(stop: StopRequest) -> int:

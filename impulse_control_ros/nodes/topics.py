@@ -21,8 +21,7 @@ RECORDER_PROGRESS = 'recorder_progress'
 
 # A joined recorder may be WINDOW states behind; the queues hold more, so none is overwritten.
 WINDOW = 1000
-SERIES_QOS = QoSProfile(depth=4 * WINDOW)
-EVENT_QOS = QoSProfile(depth=4 * WINDOW)
+SERIES_QOS = QoSProfile(depth=4 * WINDOW)  # at most one message a sample
 SLOW_QOS = QoSProfile(depth=100)
 
 

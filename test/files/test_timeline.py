@@ -3,7 +3,7 @@
 from hypothesis import given, strategies as st
 
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
-from impulse_control_ros.files.timeline import COMMANDS, EVENTS, STATES, Timeline
+from impulse_control_ros.files.timeline import COMMANDS, EVENTS, stamp_of, STATES, Timeline
 
 STEP, START = 100_000, 1_000_000_000
 EXTRA = 3
@@ -25,12 +25,17 @@ def command(tick, effort=1.0):
     return COMMAND.encode(*divmod(START + tick * STEP, 10**9), effort)
 
 
+def sent(messages):
+    """Return messages as rclpy takes them, published at their stamp."""
+    return [(raw, {'source_timestamp': stamp_of(raw)}) for raw in messages]
+
+
 def recorded(arrivals):
     """Return the entries of (topic, message) in the order of arrival, and the timeline."""
     timeline = Timeline(STEP, 'axis')
     entries = []
     for index, messages in arrivals:
-        assert timeline.add(index, messages) == len(messages)
+        assert timeline.add(index, sent(messages)) == len(messages)
         entries += timeline.take()
     return entries + timeline.take(everything=True), timeline
 
@@ -60,11 +65,11 @@ def test_any_order_of_arrival_gives_the_same_recording(data):
 def test_the_recording_is_in_the_order_of_stamps_with_states_first():
     batches = [(STATES, [state(0), state(1)]), (COMMANDS, [command(0)]),
                (EVENTS, [STATE.encode(1, 0, 0, 0, 9.0)]), (COMMANDS, [command(1)]),
-               (STATES, [state(2)]), (EXTRA, [b'\x00\x01\x00\x00damping']),
+               (STATES, [state(2)]), (EXTRA, [command(2, 5.0)]),
                (COMMANDS, [command(2)])]
     timeline = Timeline(STEP, 'axis')
     for index, messages in batches:
-        timeline.add(index, messages)
+        timeline.add(index, sent(messages))
     order = [(stamp, index) for stamp, index, _ in timeline.take()]
     assert order == sorted(order)
     assert [index for _, index in order] == [
@@ -104,15 +109,33 @@ def test_a_foreign_command_is_kept_and_disturbs_nothing(tick, after):
     assert timeline.reached == START + 9 * STEP
 
 
-def runs(*messages, joint='axis'):
+@given(st.permutations([STATES, COMMANDS, EXTRA]), st.integers(1, 7))
+def test_what_has_no_stamp_gets_that_of_the_state_before_it_whatever_arrives_first(order, size):
+    count = 14
+    queues = {STATES: sent(state(k) for k in range(count)),
+              COMMANDS: sent(command(k) for k in range(count)),
+              EXTRA: [(b'%d' % k, {'source_timestamp': START + k * STEP + STEP // 2})
+                      for k in range(count)]}
+    timeline, taken = Timeline(STEP, 'axis'), []
+    while any(queues.values()):
+        for index in order:
+            timeline.add(index, queues[index][:size])
+            del queues[index][:size]
+        taken += timeline.take()
+    taken += timeline.take(everything=True)
+    assert [(stamp, raw) for stamp, index, raw in taken if index == EXTRA] == [
+        (START + k * STEP, b'%d' % k) for k in range(count)]
+
+
+def runs(*messages, joint='axis', alone=True):
     """Return the number of states of each run that these states make, and of the foreign ones."""
     waiting, counts, foreign = list(messages), [], 0
     while waiting:
-        timeline = Timeline(STEP, joint)
+        timeline = Timeline(STEP, joint, lambda: alone)
         taken = 0
         while waiting and not timeline.over:
             for size in range(1, len(waiting) + 1):  # as they arrive, one by one
-                done = timeline.add(STATES, waiting[:size], everything=size == len(waiting))
+                done = timeline.add(STATES, sent(waiting[:size]), everything=size == len(waiting))
                 if done or timeline.over:
                     break
             taken, waiting = taken + done, waiting[done:]
@@ -126,6 +149,13 @@ def test_a_marked_state_out_of_the_series_begins_another_run():
         series = [state(k) for k in (0, 1, 2)]
         assert runs(*series, marked(start), state(start + 1)) == ([3, 2], 0)
         assert runs(*series, marked(start)) == ([3, 1], 0)
+
+
+def test_the_states_of_a_second_plant_are_foreign_to_the_run_of_the_first():
+    second = [marked(0), state(1, 0.25), state(2, 0.25)]
+    counts, foreign = runs(state(5), second[0], state(6), second[1], state(7), second[2],
+                           state(8), alone=False)
+    assert (counts, foreign) == ([4], 3)
 
 
 def test_a_marked_state_in_the_series_is_a_reset_within_the_run():
@@ -163,7 +193,7 @@ def test_foreign_states_stand_beside_the_series_in_the_recording():
 def test_a_jump_ahead_that_is_borne_out_is_a_gap():
     timeline = Timeline(STEP, 'axis')
     states = [state(0), state(1), state(50_000), state(50_001)]
-    assert timeline.add(STATES, states) == 4
+    assert timeline.add(STATES, sent(states)) == 4
     timeline.take(everything=True)
     assert timeline.missing == 49_998
 
