@@ -9,7 +9,7 @@ from rclpy.subscription import Subscription
 from impulse_control_ros.nodes.graph import plants
 from impulse_control_ros.nodes.recorders import Recorders
 
-REPORT = 2.0
+FIRST_REPORT, REPORT = 2.0, 20.0
 SETTLE = 0.5  # a controller may be discovered before another plant is
 LEASE = 25.0  # DDS knows by then that a process is dead
 
@@ -26,7 +26,8 @@ class Meeting:
                  recorders: Recorders) -> None:
         self._node, self._own, self._states, self._commands = node, own, states, commands
         self._recorders = recorders
-        self._reported_at = self._incomplete_at = self._quiet_since = monotonic()
+        self._incomplete_at = self._quiet_since = monotonic()
+        self._report_at, self._missing_before = self._incomplete_at + FIRST_REPORT, 0
         self._heard = False
 
     def complete(self, now: float, recorder_wanted: bool) -> bool:
@@ -35,9 +36,11 @@ class Meeting:
         missing = self._missing(now, recorder_wanted)
         if missing:
             self._incomplete_at = now
-            if now >= self._reported_at + REPORT:
-                self._reported_at = now
+            if now >= self._report_at:
+                self._report_at = now + REPORT
                 self._node.get_logger().info(f'waiting for {" and ".join(missing)}')
+            if len(missing) != self._missing_before:
+                self._missing_before, self._report_at = len(missing), now + FIRST_REPORT
         return now >= self._incomplete_at + SETTLE
 
     def _missing(self, now: float, recorder_wanted: bool) -> list[str]:

@@ -4,6 +4,7 @@ from mcap.reader import make_reader
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from impulse_control_ros.files.recording import read
 from test.conftest import CONFIG
@@ -149,6 +150,68 @@ def test_a_bag_that_cannot_be_made_is_refused_at_once(graph, bag):
     assert process.wait() == 2
     assert 'cannot be made' in process.output
     assert len(process.output.splitlines()) == 1
+
+
+def test_the_states_of_a_second_plant_are_neither_answered_nor_a_run_of_their_own(graph, client):
+    bag = graph.folder / 'bag'
+    process = graph.start('closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                          f'recorder:bag:={bag}', '-p', 'plant_simulator:real_time_factor:=0.1')
+    publisher = client.node.create_publisher(JointState, '/joint_states', 10)
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 100, 'states')
+    # what makes a plant: it publishes states and hears of recorders
+    progress = client.listen('/recorder_progress', Header)
+    client.spin_until(lambda: progress and publisher.get_subscription_count() >= 3, 'peers')
+    message = JointState(name=['axis'], position=[1.0], velocity=[0.0], effort=[0.0])
+    message.header.stamp.sec, message.header.frame_id = 1, 'reset'
+    publisher.publish(message)
+    process.says('two plants publish /joint_states: the state at 1.000000000 s is not answered')
+    assert client.set('plant_simulator', real_time_factor=0.0).successful
+    assert process.wait() == 0, process.output
+    assert 'started afresh' not in process.output
+    run = read(bag)
+    assert_whole(run)
+    assert run.receipt['foreign'] == '1'
+    assert not bag.with_name('bag-2').exists()
+
+
+def test_of_two_plants_that_wait_for_a_controller_one_goes_first(graph):
+    plants = [graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.1') for _ in '12']
+    for plant in plants:
+        plant.says('another plant')
+    controller = graph.start('controller')
+    for plant in plants:
+        assert plant.wait() == 0, plant.output
+    assert controller.interrupt() == 0
+
+
+def test_a_second_controller_is_named_before_the_run_and_in_it(graph, client):
+    late = graph.start('plant_simulator', '--ros-args', '-p', 'real_time_factor:=0.05')
+    first, second = graph.start('controller'), graph.start('controller', '--ros-args', '-r',
+                                                           '__node:=other')
+    late.says('waiting for all but one of 2 controllers to leave /joint_commands')
+    assert second.interrupt() == 0
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: states, 'states')
+    third = graph.start('controller', '--ros-args', '-r', '__node:=other')
+    late.says('2 controllers publish /joint_commands')
+    for process in (late, first, third):
+        assert process.interrupt() == 0
+
+
+def test_the_damping_of_a_bag_stands_at_the_state_it_was_published_after(graph):
+    bag, config = graph.folder / 'bag', CONFIG / 'time_varying.yaml'
+    plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
+                        'duration:=0.5')
+    controller = graph.start('controller', config=config)
+    recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
+    assert plant.wait() == 0
+    for process in (recorder, controller):
+        assert process.interrupt() == 0
+    with (bag / 'bag_0.mcap').open('rb') as stream:
+        stamps = [message.publish_time for _, _, message in make_reader(stream).iter_messages(
+            topics='/damping')]
+    assert stamps == [1_000_000_000 + k * 1_000_000 for k in range(1, 501)]
 
 
 def test_a_second_plant_waits_until_the_first_has_left(graph, client):
