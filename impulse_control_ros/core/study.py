@@ -39,6 +39,7 @@ from impulse_control_ros.core.simulate import steps_of
 
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
 MOST_ROWS = 65_536  # of a chunk, for its memory
+CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
 MOST_RUNS = 10**9
 MEASURES = {  # figures of merit in the order of their columns: unit, name
     'overshoot': ('m', 'overshoot'),
@@ -121,7 +122,7 @@ class Study:
     @cached_property
     def chunk(self) -> int:
         """Return the rows of a chunk: whole blocks of lanes."""
-        wanted = min(CHUNK_STEPS // self.steps, MOST_ROWS)
+        wanted = min(CHUNK_STEPS // self.steps, MOST_ROWS, self.rows // CHUNKS)
         return max(wanted // LANES, 1) * LANES
 
     @cached_property

@@ -13,7 +13,6 @@ from typing import Any
 
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 import numpy as np
 
 from impulse_control_ros.core.batch import found
@@ -31,6 +30,8 @@ WIDE = 3  # panels in a row
 BINS = 50
 TICKS = 6
 DECADES = 100.0  # a larger ratio of the values is shown on a log scale
+EXTEND = {(False, False): 'neither', (True, False): 'min', (False, True): 'max',
+          (True, True): 'both'}
 BLUE, GREY = '#1f5a94', '#c8c8c8'
 Panel = Callable[[Any, Study, str, np.ndarray], None]
 
@@ -56,7 +57,6 @@ def picture(study: Study, column: Column, name: str) -> Figure:
     draw, what = STYLES.get(len(study.axes), (distribution, 'all points together'))
     for axes, key in zip(panels, columns, strict=False):
         values = shown(column, key)
-        axes.set_title(title_of(study, key, values), fontsize=10)
         draw(axes, study, key, values)
     for axes in list(panels):
         axes.remove()
@@ -67,44 +67,72 @@ def picture(study: Study, column: Column, name: str) -> Figure:
     return figure
 
 
-def title_of(study: Study, key: str, values: np.ndarray) -> str:
-    """Return a panel's title: its figure of merit, and how many runs it leaves out."""
-    never = float(np.mean(np.isnan(values)))
+def left_out(key: str, values: np.ndarray) -> str:
+    """Say how many runs a panel leaves out, if any."""
+    share = float(np.mean(np.isnan(values)))
     why = 'never settle' if key.startswith('settling') else 'diverge'
-    return heading(study, key) + (f'\n{never:.2%} of the runs {why}' if never else '')
+    return f'{100.0 * share:.2g} % of the runs {why}' if share else ''
 
 
 def distribution(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     """Draw a histogram, with the median."""
+    axes.set_title(left_out(key, values), fontsize=10)
+    axes.set(xlabel=heading(study, key), ylabel='share of the runs')
     finite = values[np.isfinite(values)]
-    axes.set_xlabel(heading(study, key))
-    if not finite.size:
-        axes.text(0.5, 0.5, 'no run', ha='center', transform=axes.transAxes)
+    if is_same(axes, finite, 'in all runs'):
         return
-    positive = finite[finite > 0.0]
-    is_log = is_wide(positive)
-    edges = bins(positive if is_log else finite, is_log, key == 'impulses')
-    axes.hist(positive if is_log else finite, edges, color=BLUE,
-              weights=np.full(len(positive if is_log else finite), 1.0 / len(values)))
-    axes.set_xscale('log' if is_log else 'linear')
-    if is_log and len(positive) < len(finite):
-        axes.text(0.02, 0.97, f'{1.0 - len(positive) / len(finite):.1%} are 0', va='top',
-                  transform=axes.transAxes, fontsize=9)
-    median = quantiles(values, (0.5,))[0]
-    if np.isfinite(median) and (median > 0.0 or not is_log):
-        axes.axvline(median, color='black', lw=1, ls='--')
-        axes.annotate(f'median {median:.3g}', (median, 1.0), (3, -3), va='top', fontsize=9,
-                      xycoords=('data', 'axes fraction'), textcoords='offset points')
-    axes.set_ylabel('share of the runs')
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    low, high, is_log = span(finite)
+    drawn = finite[(finite >= low) & (finite <= high)]
+    if len(drawn) < len(finite):
+        note = f'{100.0 * (1.0 - len(drawn) / len(values)):.2g} % of the runs are not shown'
+        axes.set_title(note, fontsize=10)
+    axes.hist(drawn, bins(drawn, is_log, key == 'impulses'), color=BLUE,
+              weights=np.full(len(drawn), 1.0 / len(values)))
+    axes.margins(x=0.03, y=0.2)
+    axes.yaxis.set_major_formatter(lambda share, _: f'{100.0 * share:g} %')
+    if is_log:
+        axes.set_xscale('log')
+    else:
+        axes.ticklabel_format(axis='x', scilimits=(-3, 5))
+    mark_median(axes, float(quantiles(values, (0.5,))[0]))
 
 
-def is_wide(positive: np.ndarray) -> bool:
-    """Tell whether values > 0 need a log scale."""
-    if not positive.size:
+def mark_median(axes: Any, median: float) -> None:
+    """Draw the median, unless it is no value of the axis; its text on the side with room."""
+    if not (math.isfinite(median) and (median > 0.0 or axes.get_xscale() == 'linear')):
+        return
+    axes.axvline(median, color='black', lw=1, ls='--')
+    place = axes.transAxes.inverted().transform(axes.transData.transform((median, 0.0)))[0]
+    side = 'left' if place < 0.5 else 'right'
+    axes.annotate(f'median {median:.4g}', (median, 1.0), (4 if side == 'left' else -4, -4),
+                  xycoords=('data', 'axes fraction'), textcoords='offset points', va='top',
+                  ha=side, fontsize=9)
+
+
+def is_same(axes: Any, values: np.ndarray, where: str) -> bool:
+    """Tell whether no two values differ; then say it instead of drawing."""
+    if values.size and np.ptp(values) > 1e-12 * np.abs(values).max():
         return False
-    low, high = np.quantile(positive, (0.01, 0.99))
-    return bool(high > DECADES * low)
+    text = f'{values.flat[0]:.6g}\n{where}' if values.size else 'never'
+    axes.text(0.5, 0.5, text, ha='center', va='center', transform=axes.transAxes)
+    axes.set(xticks=[], yticks=[], ylabel='')
+    return True
+
+
+def span(values: np.ndarray) -> tuple[float, float, bool]:
+    """
+    Return (low, high) of the finite ``values`` >= 0 to show, and whether on a log scale.
+
+    What lies far beyond all but a few values is left out, as is 0 on a log scale.
+    """
+    high, most = float(values.max()), float(np.quantile(values, 0.95))
+    high = most if high > DECADES * most > 0.0 else high
+    positive = values[(values > 0.0) & (values <= high)]
+    low = float(np.quantile(positive, 0.02)) if positive.size else high
+    if high > DECADES * low:
+        least = float(positive.min())
+        return (low if low > DECADES**3 * least else least), high, True
+    return float(values.min()), high, False
 
 
 def bins(values: np.ndarray, is_log: bool, is_count: bool) -> np.ndarray:
@@ -122,6 +150,11 @@ def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     (name, points), = study.axes.items()
     low, middle, high = quantiles(
         values.reshape(len(points), study.extent.runs), (0.05, 0.5, 0.95))
+    axes.set(xlabel=axis_label(name), ylabel=heading(study, key))
+    axes.set_title(left_out(key, values), fontsize=10)
+    bands = np.concatenate([low, middle, high])
+    if is_same(axes, bands[np.isfinite(bands)], 'at all points'):
+        return
     is_number = type(points[0]) in (float, int)
     where = points if is_number else range(len(points))
     if study.extent.runs > 1:
@@ -134,8 +167,9 @@ def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
         axes.set_xscale('log')
     if not is_number:
         axes.set_xticks(where, [str(point) for point in points])
-    axes.set_yscale('log' if is_wide(middle[middle > 0.0]) else 'linear')
-    axes.set(xlabel=axis_label(name), ylabel=heading(study, key))
+    if np.isfinite(middle).any():
+        axes.set_yscale('log' if span(middle[np.isfinite(middle)])[2] else 'linear')
+    axes.set_xlim(where[0], where[-1])
     axes.grid(alpha=0.3)
 
 
@@ -143,20 +177,23 @@ def heat_map(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     """Draw the median over the two axes; the first one goes up, the second to the right."""
     (up, rows), (right, columns) = study.axes.items()
     middle = quantiles(values.reshape(len(rows), len(columns), study.extent.runs), (0.5,))[0]
-    positive = middle[middle > 0.0]
-    # a zero, or what lies far below, has the darkest colour
-    norm = (LogNorm(np.quantile(positive, 0.01), positive.max(), clip=True)
-            if is_wide(positive) else Normalize())
+    grey = '; grey: half or more' if study.extent.runs > 1 else '; grey: these'
+    note = left_out(key, values)
+    note += grey if np.isnan(middle).any() else ''
+    axes.set_title(heading(study, key) + ('\n' + note if note else ''), fontsize=10)
+    if is_same(axes, middle[np.isfinite(middle)], 'at all points'):
+        return
+    low, high, is_log = span(middle[np.isfinite(middle)])
     axes.set_facecolor(GREY)
-    image = axes.imshow(np.ma.masked_invalid(middle), origin='lower', aspect='auto', norm=norm,
-                        interpolation='nearest')
-    axes.figure.colorbar(image, ax=axes)
-    if np.isnan(middle).any():
-        axes.plot([], [], 's', color=GREY, label='half or more')
-        axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), fontsize=8, frameon=False,
-                    borderpad=0, handletextpad=0.2)
+    image = axes.imshow(
+        np.ma.masked_invalid(middle), origin='lower', aspect='auto', interpolation='nearest',
+        norm=LogNorm(low, high) if is_log else Normalize(low, high))
+    beyond = (bool((middle < low).any()), bool((middle > high).any()))
+    bar = axes.figure.colorbar(image, ax=axes, extend=EXTEND[beyond])
+    if not is_log:
+        bar.formatter.set_powerlimits((-3, 5))
     for axis, name, points in ((axes.yaxis, up, rows), (axes.xaxis, right, columns)):
-        places = np.unique(np.linspace(0, len(points) - 1, TICKS).round().astype(int))
+        places = range(0, len(points), -(-(len(points) - 1) // TICKS) or 1)
         axis.set_ticks(places, [label(points[place]) for place in places])
         axis.set_label_text(axis_label(name))
 

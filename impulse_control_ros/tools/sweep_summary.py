@@ -55,6 +55,6 @@ def summary(study: Study, column: Column) -> str:
             f'{bad if math.isnan(cell) else format(cell, ".4g"):>12}' for cell in cells))
     for tolerance in study.tolerances:
         share = float(np.mean(np.isnan(column(settling(tolerance)))))
-        lines.append(f'not settled to {tolerance:g} m: {share:.3%}')
-    lines.append(f'diverged: {float(np.mean(column("diverged"))):.3%}')
+        lines.append(f'not settled to {tolerance:g} m: {100.0 * share:.3g} %')
+    lines.append(f'diverged: {100.0 * float(np.mean(column("diverged"))):.3g} %')
     return '\n'.join(lines) + '\n'
