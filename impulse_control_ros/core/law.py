@@ -32,6 +32,7 @@ from impulse_control_ros.core.parameter import ParameterError, refusal
 
 MOST_POINTS = 100_000
 LARGEST = 1e300  # far below overflow
+BLOCK = 65_536  # draws that are looked at together
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,9 @@ class Law:
 
     def draws(self, seed: int, name: str, first: int, count: int) -> list[Any]:
         """Return the draws from ``first`` on of the parameter ``name``."""
-        bits = words(seed, name, first, count)
+        return self._of(words(seed, name, first, count))
+
+    def _of(self, bits: np.ndarray) -> list[Any]:
         if self.kind == 'seeds':
             return (bits >> np.uint64(1)).tolist()
         # the middle of each of 2^53 intervals: never 0, never 1
@@ -64,8 +67,10 @@ class Law:
         if self.is_axis:
             return self.points()
         if self.kind == 'normal':
-            drawn = self.draws(seed, name, 0, count)
-            return [min(drawn), max(drawn)]
+            ends = np.array([(part.min(), part.max()) for part in (
+                words(seed, name, first, min(BLOCK, count - first))
+                for first in range(0, count, BLOCK))])
+            return self._of(np.array([ends[:, 0].min(), ends[:, 1].max()]))
         return [0] if self.kind == 'seeds' else list(self.arguments)
 
 
@@ -117,6 +122,9 @@ AXES: Mapping[str, Callable[..., list[Any]]] = {
 DRAWS: Mapping[str, Callable[..., Callable[[list[float]], list[Any]]]] = {
     'uniform': _uniform, 'log_uniform': _log_uniform, 'normal': _normal, 'choice': _choice}
 LAWS = (*AXES, *DRAWS, 'seeds')
+LISTS = ('values', 'choice')
+# by the type of the parameter
+SUITED = {float: LAWS[:-1], int: ('grid', *LISTS, 'seeds'), bool: LISTS, str: LISTS}
 ALLOWED = {
     'values': 'a list of different values',
     'grid': f'[from, to, steps] with from < to and 2 <= steps <= {MOST_POINTS}',
@@ -145,12 +153,14 @@ def law_of(name: str, given: Any) -> Law:
                                 else f'; allowed is {", ".join(LAWS)}'))
     if kind == 'seeds':
         right = arguments is True
-    elif kind in ('values', 'choice'):
+    elif kind in LISTS:
         right = isinstance(arguments, list) and _are_values(kind, arguments)
     else:
         right = isinstance(arguments, list) and _fit(kind, arguments)
     if not right:
         raise refusal(f'{name}: {kind}', arguments, ALLOWED[kind])
+    if kind not in (*LISTS, 'seeds'):
+        arguments = [*map(float, arguments[:2]), *arguments[2:]]
     return Law(kind=kind, arguments=() if kind == 'seeds' else tuple(arguments))
 
 

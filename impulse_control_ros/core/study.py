@@ -26,7 +26,7 @@ from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.batch import columns, figures_of, found, packed_rows
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.lanes import LANES
-from impulse_control_ros.core.law import Law
+from impulse_control_ros.core.law import Law, SUITED
 from impulse_control_ros.core.metrics import COUNTS
 from impulse_control_ros.core.parameter import (
     converted,
@@ -86,16 +86,24 @@ class Study:
             raise refusal('vary', dict(self.vary), 'at least one parameter with its law')
         if not self.tolerances or any(not 0.0 < item < math.inf for item in self.tolerances):
             raise refusal('tolerances', list(self.tolerances), 'a list of numbers > 0 [m]')
+        self._require_laws()
         if self.extent.runs > 1 and all(law.is_axis for law in self.vary.values()):
             raise refusal('runs', self.extent.runs, '1 where no parameter is drawn')
-        known = [full_name(name) for name in self.vary]
-        for name, full in zip(self.vary, known, strict=True):
-            if known.count(full) > 1:
-                raise ParameterError(f'{name} is refused: {full} is varied twice')
         if self.rows > MOST_RUNS:
             raise refusal('runs', self.rows, f'<= {MOST_RUNS} at all points together')
         _require_bounds({name: self._values(name) for name in self.vary}, self.axis)
         assert self.steps
+
+    def _require_laws(self) -> None:
+        """Refuse a parameter that is none, has a law of another type or is there twice."""
+        known = [full_name(name) for name in self.vary]
+        for (name, law), full in zip(self.vary.items(), known, strict=True):
+            suited = SUITED[type(found(name)[2])]
+            if law.kind not in suited:
+                raise ParameterError(f'{name}: {law.kind} is refused: allowed is '
+                                     + ', '.join(suited))
+            if known.count(full) > 1:
+                raise ParameterError(f'{name} is refused: {full} is varied twice')
 
     def _values(self, name: str) -> list[Any]:
         """Return values of a parameter between which all others lie, with its type."""
@@ -108,7 +116,7 @@ class Study:
         """Return the values of each axis."""
         return {name: self._values(name) for name, law in self.vary.items() if law.is_axis}
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Return the number of runs at all points together."""
         return self.extent.runs * math.prod(

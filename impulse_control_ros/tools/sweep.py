@@ -49,7 +49,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         from impulse_control_ros.files.sweep_folder import SweepError
         import impulse_control_ros.tools.sweep_pictures  # noqa: F401 (it may be missing a package)
     except ModuleNotFoundError as error:
-        return leave(f"{error.name} is missing: pip install 'impulse_control_ros[analysis]'", 1)
+        missing = str(error.name).split('.')[0]
+        return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]'", 1)
     try:
         return run(options, stop)
     except ParameterError as error:

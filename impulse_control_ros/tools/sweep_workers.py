@@ -5,6 +5,7 @@ Both are executors of concurrent.futures and one loop serves them. A chunk is a 
 thread, as the kernels release the GIL; a worker of n threads computes n chunks.
 """
 
+import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     CancelledError,
@@ -28,7 +29,7 @@ from impulse_control_ros.files.sweep_folder import SweepError
 from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1  # s between looks at the stop request
-CONNECT = 10  # s
+CONNECT = 5  # s
 RETRIES = 3
 Columns = dict[str, np.ndarray]
 
@@ -69,11 +70,18 @@ def dask_workers(address: str) -> Iterator[Workers]:
     """Yield the workers of an existing cluster; raise `SweepError` where there is none."""
     try:
         from distributed import Client
+        from distributed.comm import connect
+        from distributed.security import Security
     except ModuleNotFoundError:
         raise SweepError('--scheduler needs dask.distributed: '
                          "pip install 'impulse_control_ros[dask]'") from None
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # we say what is wrong
+    logging.disable()  # what the library says on many lines we say on one
+
+    async def probe() -> None:
+        await (await connect(
+            address, timeout=CONNECT, **Security().get_connection_args('client'))).close()
     try:
+        asyncio.run(probe())  # a Client that finds nobody takes long to give up, and says more
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(f'no scheduler answers at {address}: '
