@@ -38,7 +38,7 @@ from impulse_control_ros.core.parameter import (
 from impulse_control_ros.core.simulate import steps_of
 
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
-MOST_ROWS = 65_536  # of a chunk, for its memory
+MOST_ROWS = 16_384  # of a chunk, for its memory
 CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
 MOST_RUNS = 10**9
 MEASURES = {  # figures of merit in the order of their columns: unit, name

@@ -25,8 +25,8 @@ from impulse_control_ros.files.replaced import replaced
 from impulse_control_ros.files.study_file import difference
 
 KEY = b'impulse_control_ros'
-ROW_GROUP = 65_536
-OPTIONS = {'compression': 'zstd', 'write_page_checksum': True}
+ROW_GROUP = 32_768
+OPTIONS = {'compression': 'zstd', 'use_dictionary': False, 'write_page_checksum': True}
 UNREADABLE = (pa.ArrowException, OSError, ValueError)
 
 
@@ -117,7 +117,8 @@ class SweepFolder:
 
     def column(self, name: str) -> np.ndarray:
         """Return a column of the result."""
-        return np.asarray(pq.read_table(self.result, columns=[name])[name])
+        return np.asarray(pq.read_table(
+            self.result, columns=[name], use_threads=False, pre_buffer=False)[name])
 
     def _part(self, number: int) -> Path:
         return self._parts / f'part_{number:07}.parquet'
@@ -135,4 +136,4 @@ class SweepFolder:
 def read_part(path: Path) -> pa.Table:
     """Return a part, its checksums verified."""
     with pq.ParquetFile(path, page_checksum_verification=True) as part:
-        return part.read()
+        return part.read(use_threads=False)
