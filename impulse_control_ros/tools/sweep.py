@@ -50,7 +50,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         import impulse_control_ros.tools.sweep_pictures  # noqa: F401 (it may be missing a package)
     except ModuleNotFoundError as error:
         missing = str(error.name).split('.')[0]
-        return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]'", 1)
+        return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
+                     'pip install matplotlib pyarrow', 1)
     try:
         return run(options, stop)
     except ParameterError as error:
@@ -76,14 +77,14 @@ def run(options: argparse.Namespace, stop: StopRequest) -> int:
     study = read_study(options.study)
     folder = SweepFolder(options.out or Path('runs', options.study.stem), identity(study),
                          units(study))
-    speed = ''
+    rate = ''
     if folder.is_concluded():
         print(f'sweep: {folder.result} is finished')
     else:
         with workers_at(options.scheduler) as workers, folder.held():
-            speed = finish(study, folder, workers, stop)
+            rate = finish(study, folder, workers, stop)
     folder.remove_parts()
-    print('\n' + summary(study, folder.column) + speed)
+    print('\n' + summary(study, folder.column) + rate)
     for path in save_pictures(study, folder.column, folder.path, options.study.stem):
         print(path)
     return 0
@@ -105,9 +106,9 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
     there = folder.finished()
     todo = [number for number in range(study.chunks) if number not in there]
     done = study.rows - sum(len(study.rows_of(number)) for number in todo)
+    began = perf_counter()
     print(f'sweep: {study.rows} runs of {study.extent.duration:g} s ({study.steps} steps) in '
           f'{study.chunks} chunks, {len(there)} of them finished, on {workers.name}', flush=True)
-    began, slots = perf_counter(), max(workers.slots(), 1)
     tqdm.monitor_interval = 0  # no thread beside ours
     with tqdm(total=study.rows, initial=done, unit='run', disable=None) as bar:
         for number, columns in computed(workers, study, todo, stop):
@@ -118,6 +119,11 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
         raise SweepError(f'interrupted with {len(folder.finished())} of {study.chunks} chunks '
                          'finished; the same command goes on from there')
     folder.conclude(study.chunks)
-    per_step = wall * slots / ((study.rows - done) * study.steps) * 1e9 if todo else 0.0
-    return (f'{study.rows - done} runs in {wall:.1f} s: {(study.rows - done) / wall:.0f} runs/s, '
-            f'{per_step:.1f} ns per run-step and core on {slots} cores\n' if todo else '')
+    return speed(study, study.rows - done, wall, max(workers.slots(), 1)) if todo else ''
+
+
+def speed(study: 'Study', runs: int, wall: float, cores: int) -> str:
+    """Say how fast ``runs`` were done in ``wall`` seconds."""
+    per_step = wall * cores / (runs * study.steps) * 1e9
+    return (f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns per '
+            f'run-step and core on {cores} cores\n')

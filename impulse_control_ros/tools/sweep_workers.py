@@ -18,10 +18,12 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from dataclasses import dataclass
 import logging
+import sys
 from time import monotonic
 
 import numba
 import numpy as np
+from tqdm import tqdm
 
 from impulse_control_ros.core.study import run_chunk, Study
 from impulse_control_ros.files.study_file import code_digest
@@ -73,8 +75,8 @@ def dask_workers(address: str) -> Iterator[Workers]:
         from distributed.comm import connect
         from distributed.security import Security
     except ModuleNotFoundError:
-        raise SweepError('--scheduler needs dask.distributed: '
-                         "pip install 'impulse_control_ros[dask]'") from None
+        raise SweepError("--scheduler needs dask.distributed: pip install 'impulse_control_ros"
+                         "[dask]', or pip install distributed") from None
     logging.disable()  # what the library says on many lines we say on one
 
     async def probe() -> None:
@@ -106,15 +108,24 @@ def computed(workers: Workers, study: Study, todo: Sequence[int], stop: StopRequ
     number. Raises `SweepError` for a chunk that fails on a cluster.
     """
     left, waiting = list(reversed(todo)), dict[Future[Columns], int]()
-    slots, looked = workers.slots(), monotonic()
+    slots, looked = present(workers, 1), monotonic()
     while (left or waiting) and not stop.requested:
         if monotonic() > looked + 1.0:
-            slots, looked = workers.slots(), monotonic()
+            slots, looked = present(workers, slots), monotonic()
         while left and len(waiting) < 2 * max(slots, 1):
             number = left.pop()
             waiting[workers.executor.submit(verified_chunk, study, number, code_digest())] = number
         for future in wait(waiting, IDLE, FIRST_COMPLETED).done:
             yield waiting.pop(future), result_of(future)
+
+
+def present(workers: Workers, before: int) -> int:
+    """Return how many tasks are done at once now; say it when there is nobody any more."""
+    slots = workers.slots()
+    if before and not slots:
+        tqdm.write(f'sweep: {workers.name} has no worker: waiting for one that has this version '
+                   'of impulse_control_ros', sys.stderr)
+    return slots
 
 
 def result_of(future: Future[Columns]) -> Columns:

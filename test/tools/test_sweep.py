@@ -212,12 +212,13 @@ def test_where_no_scheduler_answers_one_line_says_so_and_nothing_is_left(desk, a
 
 
 @pytest.mark.parametrize(('module', 'arguments', 'said'), [
-    ('pyarrow', [], "sweep: pyarrow is missing: pip install 'impulse_control_ros[analysis]'\n"),
-    ('matplotlib', [],
-     "sweep: matplotlib is missing: pip install 'impulse_control_ros[analysis]'\n"),
+    ('pyarrow', [], "sweep: pyarrow is missing: pip install 'impulse_control_ros[analysis]', "
+     'or pip install matplotlib pyarrow\n'),
+    ('matplotlib', [], "sweep: matplotlib is missing: pip install "
+     "'impulse_control_ros[analysis]', or pip install matplotlib pyarrow\n"),
     ('distributed', ['--scheduler', 'tcp://127.0.0.1:1'],
      'sweep: --scheduler needs dask.distributed: '
-     "pip install 'impulse_control_ros[dask]'\n"),
+     "pip install 'impulse_control_ros[dask]', or pip install distributed\n"),
 ])
 def test_a_missing_package_is_named_with_the_command_that_installs_it(
         desk, module, arguments, said):
