@@ -126,7 +126,8 @@ def span(values: np.ndarray) -> tuple[float, float, bool]:
     What lies far beyond all but a few values is left out, as is 0 on a log scale.
     """
     high, most = float(values.max()), float(np.quantile(values, 0.95))
-    high = most if high > DECADES * most > 0.0 else high
+    if high > DECADES * most > 0.0:
+        high = float(values[values <= 3.0 * most].max())
     positive = values[(values > 0.0) & (values <= high)]
     low = float(np.quantile(positive, 0.02)) if positive.size else high
     if high > DECADES * low:

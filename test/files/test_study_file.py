@@ -1,8 +1,11 @@
 """Study files: read as they say, or refused in one line that names the thing."""
 
-import pytest
+import re
 
-from impulse_control_ros.core.law import Law
+import pytest
+import yaml
+
+from impulse_control_ros.core.law import Law, LAWS
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.files.study_file import difference, identity, read_study
@@ -102,6 +105,14 @@ def test_a_wrong_experiment_is_named(tmp_path):
     (tmp_path / 'wrong.yaml').write_text('controller:\n  ros__parameters: {K: ten}\n')
     with pytest.raises(ParameterError, match=r"wrong\.yaml: controller: K = 'ten' is refused"):
         read(tmp_path, GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'wrong.yaml'))
+
+
+def test_the_documentation_shows_a_study_and_every_law():
+    text = (ROOT / 'docs' / 'sweep.md').read_text()
+    shown = re.search(r'```yaml\n(.*?)```', text, re.S)[1]
+    study = yaml.safe_load((ROOT / 'studies' / 'gains.yaml').read_text())
+    assert yaml.safe_load(shown) == study
+    assert re.findall(r'^\| `(\w+)` \|', text, re.M) == list(LAWS)
 
 
 def test_an_identity_tells_studies_apart_by_what_their_figures_depend_on(tmp_path):
