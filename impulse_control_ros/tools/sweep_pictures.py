@@ -63,7 +63,8 @@ def picture(study: Study, column: Column, name: str) -> Figure:
     points = math.prod(len(values) for values in study.axes.values())
     runs = f'{study.extent.runs:,} run' + ('s' if study.extent.runs > 1 else '')
     extent = f'{points:,} points, {runs} each' if study.axes else runs
-    figure.suptitle(f'{name}: {extent}, {study.extent.duration:g} s long; {what}')
+    figure.suptitle(f'{name}: {extent}, {study.extent.duration:g} s long'
+                    + ('' if study.axes and study.extent.runs == 1 else f'; {what}'))
     return figure
 
 
@@ -71,20 +72,20 @@ def left_out(key: str, values: np.ndarray) -> str:
     """Say how many runs a panel leaves out, if any."""
     share = float(np.mean(np.isnan(values)))
     why = 'never settle' if key.startswith('settling') else 'diverge'
-    return f'{100.0 * share:.2g} % of the runs {why}' if share else ''
+    return f'{100.0 * share:.3g} % of the runs {why}' if share else ''
 
 
 def distribution(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     """Draw a histogram, with the median."""
     axes.set_title(left_out(key, values), fontsize=10)
     axes.set(xlabel=heading(study, key), ylabel='share of the runs')
-    finite = values[np.isfinite(values)]
-    if is_same(axes, finite, 'in all runs'):
+    if is_same(axes, values, 'in all runs'):
         return
+    finite = values[np.isfinite(values)]
     low, high, is_log = span(finite)
     drawn = finite[(finite >= low) & (finite <= high)]
     if len(drawn) < len(finite):
-        note = f'{100.0 * (1.0 - len(drawn) / len(values)):.2g} % of the runs are not shown'
+        note = f'{100.0 * (1.0 - len(drawn) / len(values)):.3g} % of the runs are not shown'
         axes.set_title(note, fontsize=10)
     axes.hist(drawn, bins(drawn, is_log, key == 'impulses'), color=BLUE,
               weights=np.full(len(drawn), 1.0 / len(values)))
@@ -109,11 +110,18 @@ def mark_median(axes: Any, median: float) -> None:
                   ha=side, fontsize=9)
 
 
+def name_panel(axes: Any, study: Study, key: str, note: str) -> None:
+    """Say above a panel which figure of merit it has, and ``note``."""
+    axes.set_title('\n'.join(filter(None, [heading(study, key), note])), fontsize=10)
+
+
 def is_same(axes: Any, values: np.ndarray, where: str) -> bool:
-    """Tell whether no two values differ; then say it instead of drawing."""
-    if values.size and np.ptp(values) > 1e-12 * np.abs(values).max():
+    """Tell whether no two finite values differ; then say it instead of drawing."""
+    finite = values[np.isfinite(values)]
+    if finite.size and np.ptp(finite) > 1e-12 * np.abs(finite).max():
         return False
-    text = f'{values.flat[0]:.6g}\n{where}' if values.size else 'never'
+    where = where if finite.size == values.size else 'in all others'
+    text = f'{finite[0]:.6g}\n{where}' if finite.size else 'never'
     axes.text(0.5, 0.5, text, ha='center', va='center', transform=axes.transAxes)
     axes.set(xticks=[], yticks=[], ylabel='')
     return True
@@ -151,26 +159,25 @@ def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     (name, points), = study.axes.items()
     low, middle, high = quantiles(
         values.reshape(len(points), study.extent.runs), (0.05, 0.5, 0.95))
-    axes.set(xlabel=axis_label(name), ylabel=heading(study, key))
-    axes.set_title(left_out(key, values), fontsize=10)
-    bands = np.concatenate([low, middle, high])
-    if is_same(axes, bands[np.isfinite(bands)], 'at all points'):
+    axes.set_xlabel(axis_label(name))
+    name_panel(axes, study, key, left_out(key, values))
+    if is_same(axes, np.concatenate([low, middle, high]), 'at all points'):
         return
-    is_number = type(points[0]) in (float, int)
-    where = points if is_number else range(len(points))
-    if study.extent.runs > 1:
-        top = np.nanmax(values) if np.isfinite(values).any() else 0.0
-        # where the 95 % quantile never settles the band is open: it ends at the top
-        axes.fill_between(where, low, np.where(np.isnan(high), top, high), color=BLUE, alpha=0.25,
-                          lw=0, label='5 to 95 %')
-    axes.plot(where, middle, color=BLUE, marker='.' if len(points) < 40 else None, label='median')
-    if study.vary[name].kind == 'log_grid':
-        axes.set_xscale('log')
-    if not is_number:
-        axes.set_xticks(where, [str(point) for point in points])
+    # where the 95 % quantile never settles the band is open: it ends at the top
+    high = np.where(np.isnan(high), np.nanmax(values), high)
+    if type(points[0]) in (float, int):
+        axes.fill_between(points, low, high, color=BLUE, alpha=0.25, lw=0)
+        axes.plot(points, middle, color=BLUE, marker='.' if len(points) < 40 else None)
+        axes.set_xscale('log' if study.vary[name].kind == 'log_grid' else 'linear')
+        axes.set_xlim(points[0], points[-1])
+    else:
+        places = range(len(points))
+        axes.vlines(places, low, high, color=BLUE, alpha=0.25, lw=8)
+        axes.plot(places, middle, 'o', color=BLUE)
+        axes.set_xticks(places, [str(point) for point in points])
+        axes.set_xlim(-0.5, len(points) - 0.5)
     if np.isfinite(middle).any():
         axes.set_yscale('log' if span(middle[np.isfinite(middle)])[2] else 'linear')
-    axes.set_xlim(where[0], where[-1])
     axes.grid(alpha=0.3)
 
 
@@ -181,21 +188,25 @@ def heat_map(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     grey = '; grey: half or more' if study.extent.runs > 1 else '; grey: these'
     note = left_out(key, values)
     note += grey if np.isnan(middle).any() else ''
-    axes.set_title(heading(study, key) + ('\n' + note if note else ''), fontsize=10)
-    if is_same(axes, middle[np.isfinite(middle)], 'at all points'):
+    name_panel(axes, study, key, note)
+    if is_same(axes, middle, 'at all points'):
         return
     low, high, is_log = span(middle[np.isfinite(middle)])
     axes.set_facecolor(GREY)
+    # what is below the scale, as 0 is, has its darkest colour
+    drawn = np.maximum(middle, 0.5 * low) if is_log else middle
     image = axes.imshow(
-        np.ma.masked_invalid(middle), origin='lower', aspect='auto', interpolation='nearest',
+        np.ma.masked_invalid(drawn), origin='lower', aspect='auto', interpolation='nearest',
         norm=LogNorm(low, high) if is_log else Normalize(low, high))
     beyond = (bool((middle < low).any()), bool((middle > high).any()))
     bar = axes.figure.colorbar(image, ax=axes, extend=EXTEND[beyond])
     if not is_log:
         bar.formatter.set_powerlimits((-3, 5))
     for axis, name, points in ((axes.yaxis, up, rows), (axes.xaxis, right, columns)):
-        places = range(0, len(points), -(-(len(points) - 1) // TICKS) or 1)
-        axis.set_ticks(places, [label(points[place]) for place in places])
+        labels = [label(point) for point in points]
+        most = TICKS if max(map(len, labels)) < 6 else TICKS // 2  # long ones would overlap
+        places = range(0, len(points), -(-(len(points) - 1) // most) or 1)
+        axis.set_ticks(places, [labels[place] for place in places])
         axis.set_label_text(axis_label(name))
 
 

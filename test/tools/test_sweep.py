@@ -151,27 +151,32 @@ def test_a_sweep_begun_on_a_cluster_goes_on_here_when_the_scheduler_dies(desk, u
     assert (out / 'runs.parquet').read_bytes() == undisturbed[0]
 
 
-def test_a_finished_sweep_shows_its_summary_again_without_running(desk):
-    study, out = desk.study(SHORT), desk.folder / 'out'
-    first = desk.sweep(study, '--out', out)
-    assert first.wait() == 0, first.output
-    result = out / 'runs.parquet'
-    state, pictures = result.stat(), (out / 'figures.png').read_bytes()
-    (out / 'figures.png').unlink()
-    again = desk.sweep(study, '--out', out)
+@pytest.fixture(scope='module')
+def finished(tmp_path_factory):
+    """Return the folder of a finished short sweep, and what it said."""
+    desk = Desk(tmp_path_factory.mktemp('finished'), None)
+    process = desk.sweep(desk.study(SHORT), '--out', desk.folder / 'out')
+    assert process.wait() == 0, process.output
+    return desk.folder / 'out', process.output
+
+
+def test_a_finished_sweep_shows_its_summary_again_without_running(desk, finished):
+    out, said = finished
+    result, picture = out / 'runs.parquet', out / 'figures.png'
+    state, drawn = result.stat(), picture.read_bytes()
+    picture.unlink()
+    again = desk.sweep(desk.study(SHORT), '--out', out)
     assert again.wait() == 0, again.output
-    assert result.stat() == state
-    assert (out / 'figures.png').read_bytes() == pictures
+    assert (result.stat().st_ino, result.stat().st_mtime_ns) == (state.st_ino, state.st_mtime_ns)
+    assert picture.read_bytes() == drawn
     assert again.output.splitlines()[0] == f'sweep: {result} is finished'
     table = again.output[again.output.index('median'):].split('\n\n')[0]
-    assert table in first.output
+    assert table in said
     assert 'not settled to 0.01 m: 100 %' in table
 
 
-def test_the_result_has_a_row_for_each_run_and_a_column_for_each_figure(desk):
-    study, out = desk.study(SHORT), desk.folder / 'out'
-    assert desk.sweep(study, '--out', out).wait() == 0
-    table = pq.read_table(out / 'runs.parquet')
+def test_the_result_has_a_row_for_each_run_and_a_column_for_each_figure(finished):
+    table = pq.read_table(finished[0] / 'runs.parquet')
     assert table.num_rows == 100
     assert table.column_names[:5] == [
         'F_c', 'plant_simulator.m', 'damping.seed', 'settling_time_0.01', 'settling_time_0.001']
@@ -179,9 +184,8 @@ def test_the_result_has_a_row_for_each_run_and_a_column_for_each_figure(desk):
     assert table.schema.field('peak_effort').metadata == {b'unit': b'N'}
 
 
-def test_another_study_is_kept_out_of_the_folder(desk):
-    out = desk.folder / 'out'
-    assert desk.sweep(desk.study(SHORT), '--out', out).wait() == 0
+def test_another_study_is_kept_out_of_the_folder(desk, finished):
+    out = finished[0]
     before = (out / 'runs.parquet').read_bytes()
     other = desk.sweep(desk.study(SHORT.replace('seed: 1', 'seed: 2')), '--out', out)
     assert other.wait() == 2
