@@ -1,7 +1,7 @@
 """
-``sweep``: run a study, over and over if need be until it is finished, and show its result.
+``sweep``: run what is left of a study, and show its result.
 
-What the study needs is imported when it is, so that --help and a bad command line answer at once.
+What a study needs is imported late, so that --help and a bad command line answer at once.
 """
 
 import argparse

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import logging
 import sys
 from time import monotonic
+from typing import Any
 
 import numba
 import numpy as np
@@ -70,6 +71,22 @@ def local_workers() -> Iterator[Workers]:
 @contextmanager
 def dask_workers(address: str) -> Iterator[Workers]:
     """Yield the workers of an existing cluster; raise `SweepError` where there is none."""
+    logging.disable()  # what the library says on many lines we say on one
+    client = connected(address)
+    try:
+        yield Workers(executor=client.get_executor(pure=False, retries=RETRIES),
+                      slots=lambda: sum(client.nthreads().values()), name=address)
+    except (OSError, CancelledError) as error:
+        if not isinstance(error, CancelledError) and client.status == 'running':
+            raise  # ours, as of a disk that is full
+        raise SweepError(f'the scheduler at {address} has gone; '
+                         'the same command goes on from there') from None
+    finally:
+        client.close(timeout=1)
+
+
+def connected(address: str) -> Any:
+    """Return a client of the scheduler at ``address``; raise `SweepError` where there is none."""
     try:
         from distributed import Client
         from distributed.comm import connect
@@ -77,26 +94,16 @@ def dask_workers(address: str) -> Iterator[Workers]:
     except ModuleNotFoundError:
         raise SweepError("--scheduler needs dask.distributed: pip install 'impulse_control_ros"
                          "[dask]', or pip install distributed") from None
-    logging.disable()  # what the library says on many lines we say on one
 
     async def probe() -> None:
         await (await connect(
             address, timeout=CONNECT, **Security().get_connection_args('client'))).close()
     try:
         asyncio.run(probe())  # a Client that finds nobody takes long to give up, and says more
-        client = Client(address, timeout=CONNECT, set_as_default=False)
+        return Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(f'no scheduler answers at {address}: '
                          f'{" ".join(str(error).split())}') from None
-    try:
-        yield Workers(executor=client.get_executor(pure=False, retries=RETRIES),
-                      slots=lambda: sum(client.nthreads().values()), name=address)
-    except (OSError, CancelledError) as error:
-        if not isinstance(error, CancelledError) and client.status == 'running':
-            raise
-        raise SweepError(f'the scheduler at {address} has gone') from None
-    finally:
-        client.close(timeout=1)
 
 
 def computed(workers: Workers, study: Study, todo: Sequence[int], stop: StopRequest,

@@ -144,7 +144,8 @@ def test_a_sweep_begun_on_a_cluster_goes_on_here_when_the_scheduler_dies(desk, u
     wait_for(lambda: len(parts(out)) >= 3, 'three parts')
     scheduler.kill()
     assert sweep.wait() == 1
-    assert sweep.output.splitlines()[-1] == f'sweep: the scheduler at {address} has gone'
+    assert sweep.output.splitlines()[-1] == (
+        f'sweep: the scheduler at {address} has gone; the same command goes on from there')
     assert 'Traceback' not in sweep.output
     again = desk.sweep(study, '--out', out)
     assert again.wait() == 0, again.output
