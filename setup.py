@@ -5,6 +5,9 @@ from setuptools import find_packages, setup
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
+TOOLS = ['sweep']
+ANALYSIS = ['matplotlib', 'pyarrow']  # 200 MB that a robot does not need
+DASK = ['distributed']
 
 setup(
     name=PACKAGE,
@@ -20,17 +23,21 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{PACKAGE}/studies', sorted(glob('studies/*.yaml'))),
     ],
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'lz4', 'zstandard',
                       'pyyaml', 'tqdm'],
     extras_require={
         'ros': ROS,
+        'analysis': ANALYSIS,
+        'dask': DASK,
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
         'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
-                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80'],
+                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80', *ANALYSIS, *DASK],
     },
     zip_safe=True,
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.nodes.entry:{name}' for name in NODES]},
+        f'{name} = {PACKAGE}.{room}.entry:{name}'
+        for room, names in (('nodes', NODES), ('tools', TOOLS)) for name in names]},
 )

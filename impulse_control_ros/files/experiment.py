@@ -4,7 +4,7 @@ An experiment: the parameters of the three nodes, and the plain ROS parameter fi
 The classes below are the one source of the nodes' parameters; the nodes declare them from here.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 import re
@@ -152,9 +152,9 @@ def is_foreign(name: str) -> bool:
     return name in FOREIGN or name.startswith(FOREIGN_PREFIX)
 
 
-def sections(path: str | Path) -> Mapping[str, Any]:
+def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     """
-    Return the sections of a ROS parameter file by the name of the node, as it is written.
+    Return what a YAML file holds: a mapping of ``keys``, which are not checked.
 
     Raises `ParameterError` when the file cannot be read or is no mapping.
     """
@@ -163,8 +163,13 @@ def sections(path: str | Path) -> Mapping[str, Any]:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
     if not isinstance(content, Mapping):
-        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(NODES)}')
-    return dict(_nested_sections(content))
+        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(keys)}')
+    return content
+
+
+def sections(path: str | Path) -> Mapping[str, Any]:
+    """Return the sections of a ROS parameter file by the name of the node, as it is written."""
+    return dict(_nested_sections(read_mapping(path, NODES)))
 
 
 def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:

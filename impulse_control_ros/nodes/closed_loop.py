@@ -24,10 +24,10 @@ from tqdm import tqdm
 
 from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.nodes.controller import Controller
-from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
 from impulse_control_ros.nodes.spin import main as run_nodes, Maker
+from impulse_control_ros.stop import StopRequest
 
 SLICE = 0.005
 SPIN = 2e-4

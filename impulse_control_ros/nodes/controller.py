@@ -28,7 +28,6 @@ from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.cdr import RESET_MARK
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.graph import plants, publishers
 from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
@@ -45,6 +44,7 @@ from impulse_control_ros.nodes.topics import (
     state_layout,
     UnreadableError,
 )
+from impulse_control_ros.stop import StopRequest
 
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 

@@ -23,7 +23,6 @@ from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MARK
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.graph import publisher_ids
 from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
@@ -43,6 +42,7 @@ from impulse_control_ros.nodes.topics import (
     state_layout,
     UnreadableError,
 )
+from impulse_control_ros.stop import StopRequest
 
 HANDSHAKE = 0.1
 

@@ -36,7 +36,6 @@ from impulse_control_ros.files.bag import BagWriter, PARAMETERS, require_writabl
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Taken, Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.graph import full_name, plants
 from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import main as run_node
@@ -49,6 +48,7 @@ from impulse_control_ros.nodes.topics import (
     SERIES_QOS,
     SLOW_QOS,
 )
+from impulse_control_ros.stop import StopRequest
 
 BATCH = 250
 BATCH_PERIOD = 0.02

@@ -20,8 +20,8 @@ from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.nodes.entry import StopRequest
 from impulse_control_ros.nodes.parameters import missed_by, override_keys
+from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1
 MOST_EVENTS = 50

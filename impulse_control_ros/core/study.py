@@ -1,0 +1,229 @@
+"""
+A study: many runs of one experiment, each with parameters of its own.
+
+==========  ==========  ====  ===============================================================
+symbol      name        unit  meaning
+==========  ==========  ====  ===============================================================
+p           point       1     a combination of the axes' values, the last axis fastest
+r           repeat      1     number of a run at its point: draw r of each drawn parameter
+i           row         1     i = p runs + r
+c           chunk       1     rows that are computed, and saved, at once
+==========  ==========  ====  ===============================================================
+
+All points see the same draws, so two points differ by their axes alone. The parameters of row i
+and its figures depend on (study, i) only: not on chunks, threads or machines.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Any
+
+import numpy as np
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.batch import columns, figures_of, found, packed_rows
+from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.lanes import LANES
+from impulse_control_ros.core.law import Law, SUITED
+from impulse_control_ros.core.metrics import COUNTS
+from impulse_control_ros.core.parameter import (
+    converted,
+    parameter,
+    ParameterError,
+    Parameters,
+    refusal,
+)
+from impulse_control_ros.core.simulate import steps_of
+
+CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
+MOST_ROWS = 16_384  # of a chunk, for its memory
+CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
+MOST_RUNS = 10**9
+MEASURES = {  # figures of merit in the order of their columns: unit, name
+    'overshoot': ('m', 'overshoot'),
+    'iae': ('m s', 'IAE'),
+    'ise': ('m^2 s', 'ISE'),
+    'impulses': ('', 'impulses'),
+    'position_zero': ('', 'impulses at position zero'),
+    'velocity_zero': ('', 'impulses at velocity zero'),
+    'sticking': ('', 'impulses while sticking'),
+    'impulse_area': ('N s', 'impulse area'),
+    'peak_effort': ('N', 'peak effort'),
+    'peak_velocity': ('m/s', 'peak velocity'),
+    'final_error': ('m', 'final error'),
+    'diverged': ('', 'whether the run left all bounds'),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent(Parameters):
+    """How long, how often and from which seed a study runs."""
+
+    duration: float = parameter(1.0, 's', 'simulated time of a run', lower=0.0, open_lower=True)
+    seed: int = parameter(1, '', 'seed of all draws', lower=0)
+    runs: int = parameter(1, '', 'runs at each point of the axes', lower=1, upper=10**9)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """
+    A study of ``axis`` and ``controller``, refused at birth where one of its runs would be.
+
+    ``vary`` has the law of each varied parameter by its full name, as in `simulate_batch`;
+    settling times are to ``tolerances`` [m].
+    """
+
+    axis: Axis
+    controller: Controller
+    extent: Extent
+    vary: Mapping[str, Law]
+    tolerances: tuple[float, ...] = (1e-2, 1e-3)
+
+    def __post_init__(self) -> None:
+        if not self.vary:
+            raise refusal('vary', dict(self.vary), 'at least one parameter with its law')
+        if not self.tolerances or any(not 0.0 < item < math.inf for item in self.tolerances):
+            raise refusal('tolerances', list(self.tolerances), 'a list of numbers > 0 [m]')
+        self._require_laws()
+        if self.extent.runs > 1 and all(law.is_axis for law in self.vary.values()):
+            raise refusal('runs', self.extent.runs, '1 where no parameter is drawn')
+        if self.rows > MOST_RUNS:
+            raise refusal('runs', self.rows, f'<= {MOST_RUNS} at all points together')
+        _require_bounds({name: self._values(name) for name in self.vary}, self.axis)
+        assert self.steps
+
+    def _require_laws(self) -> None:
+        """Refuse a parameter that is none, has a law of another type or is there twice."""
+        known = [full_name(name) for name in self.vary]
+        for (name, law), full in zip(self.vary.items(), known, strict=True):
+            suited = SUITED[type(found(name)[2])]
+            if law.kind not in suited:
+                raise ParameterError(f'{name}: {law.kind} is refused: allowed is '
+                                     + ', '.join(suited))
+            if known.count(full) > 1:
+                raise ParameterError(f'{name} is refused: {full} is varied twice')
+
+    def _values(self, name: str) -> list[Any]:
+        """Return values of a parameter between which all others lie, with its type."""
+        values = self.vary[name].extremes(
+            self.extent.seed, full_name(name), self.extent.runs)
+        return [typed(name, value) for value in values]
+
+    @cached_property
+    def axes(self) -> dict[str, list[Any]]:
+        """Return the values of each axis."""
+        return {name: self._values(name) for name, law in self.vary.items() if law.is_axis}
+
+    @cached_property
+    def rows(self) -> int:
+        """Return the number of runs at all points together."""
+        return self.extent.runs * math.prod(
+            len(self.vary[name].points()) for name in self.vary if self.vary[name].is_axis)
+
+    @cached_property
+    def steps(self) -> int:
+        """Return the number of steps of a run."""
+        return steps_of(self.axis, self.controller, self.extent.duration)
+
+    @cached_property
+    def chunk(self) -> int:
+        """Return the rows of a chunk: whole blocks of lanes."""
+        wanted = min(CHUNK_STEPS // self.steps, MOST_ROWS, self.rows // CHUNKS)
+        return max(wanted // LANES, 1) * LANES
+
+    @cached_property
+    def chunks(self) -> int:
+        """Return the number of chunks."""
+        return -(-self.rows // self.chunk)
+
+    def rows_of(self, number: int) -> range:
+        """Return the rows of a chunk."""
+        return range(number * self.chunk, min((number + 1) * self.chunk, self.rows))
+
+
+def full_name(name: str) -> str:
+    """Return e.g. ``plant_simulator.F_c`` for ``F_c``."""
+    return '.'.join(found(name)[:2])
+
+
+def typed(name: str, value: Any) -> Any:
+    """Return a value of a varied parameter with its type; refuse what it may not be."""
+    _, _, default, spec = found(name)
+    if type(default) is int and type(value) is float and value.is_integer():
+        value = int(value)  # a grid of whole numbers
+    return converted(name, value, default, spec)
+
+
+def _require_bounds(values: Mapping[str, list[Any]], axis: Axis) -> None:
+    """Refuse bounds of the damping that cross in some row."""
+    known = axis.flat() | {found(name)[1]: max(given) if 'lower' in name else min(given)
+                           for name, given in values.items()}
+    lower, upper = known['damping.lower'], known['damping.upper']
+    if lower > upper:
+        raise refusal('damping.lower', lower, f'<= damping.upper = {upper:g} [N s/m]')
+
+
+def varied(study: Study, rows: range) -> dict[str, np.ndarray]:
+    """Return the varied parameters of ``rows``: arrays of shape (rows,) by name."""
+    index = np.arange(rows.start, rows.stop)
+    repeat, point = index % study.extent.runs, index // study.extent.runs
+    places = np.unravel_index(point, [len(values) for values in study.axes.values()] or [1])
+    result = {}
+    for name, law in study.vary.items():
+        if law.is_axis:
+            place = places[list(study.axes).index(name)]
+            result[name] = np.asarray(study.axes[name])[place]
+        else:
+            first = int(repeat.min())
+            drawn = law.draws(study.extent.seed, full_name(name), first,
+                              int(repeat.max()) + 1 - first)
+            kind = type(found(name)[2])
+            result[name] = np.asarray([kind(value) for value in drawn])[repeat - first]
+    return result
+
+
+def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:
+    """Run a chunk of a study: its varied parameters and figures by the names of `units`."""
+    rows = study.rows_of(number)
+    parameters = varied(study, rows)
+    figures = figures_of(
+        packed_rows(study.axis, study.controller, *columns(parameters), len(rows)), study.steps,
+        np.asarray(study.tolerances))
+    result = dict(parameters)
+    for place, tolerance in enumerate(study.tolerances):
+        result[settling(tolerance)] = figures['settling_time'][:, place]
+    result['impulses'] = np.sum([figures[guard] for guard in COUNTS], axis=0)
+    result |= {name: figures[name] for name in MEASURES if name != 'impulses'}
+    return {name: result[name] for name in units(study)}
+
+
+def settling(tolerance: float) -> str:
+    """Return the name of a settling time's column."""
+    return f'settling_time_{tolerance:g}'
+
+
+def units(study: Study) -> dict[str, str]:
+    """Return the unit of each column, in order: varied parameters, then figures."""
+    result = {name: found(name)[3].unit for name in study.vary}
+    result |= {settling(tolerance): 's' for tolerance in study.tolerances}
+    return result | {name: unit for name, (unit, _) in MEASURES.items()}
+
+
+def title(column: str) -> str:
+    """Return a figure of merit in words, without its unit."""
+    if column in MEASURES:
+        return MEASURES[column][1]
+    return f'settling time to {column.removeprefix("settling_time_")} m'
+
+
+def described(study: Study) -> dict[str, Any]:
+    """Return all that the figures of a study depend on, by name: plain values."""
+    result = {'rows': study.rows, 'tolerances': list(study.tolerances), **study.extent.flat()}
+    result |= {f'vary: {name}': {law.kind: list(law.arguments)}
+               for name, law in study.vary.items()}
+    for side, values in (('plant_simulator', Axis.flat(study.axis)),
+                         ('controller', Controller.flat(study.controller))):
+        result |= {f'{side}.{name}': value for name, value in values.items()}
+    return result

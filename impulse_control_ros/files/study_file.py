@@ -1,0 +1,118 @@
+"""
+A study's YAML file, and what makes two studies the same.
+
+    experiment: ../config/coulomb.yaml      an experiment, beside the study or installed
+    duration: 1.0                           s, of a run; that of the experiment if not given
+    seed: 1                                 of all draws
+    runs: 1000                              at each point of the axes
+    tolerances: [1e-2, 1e-3]                m, for settling times
+    vary:                                   parameter: law, see core/law.py
+      F_c: {uniform: [0.0, 1.5]}
+"""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from functools import lru_cache
+import hashlib
+import json
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from impulse_control_ros import __version__
+import impulse_control_ros.core
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.law import law_of
+from impulse_control_ros.core.parameter import build, KIND, ParameterError, Parameters, refusal
+from impulse_control_ros.core.study import described, Extent, Study
+from impulse_control_ros.files.experiment import read_experiment, read_mapping
+
+EXTENT = ('duration', 'seed', 'runs')
+KEYS = ('experiment', *EXTENT, 'tolerances', 'vary')
+
+
+def read_study(path: str | Path) -> Study:
+    """
+    Read a study.
+
+    Raises `ParameterError` when it or its experiment cannot be read or asks for what may not be;
+    the message names the file, the thing, its value and what is allowed.
+    """
+    content = read_mapping(path, KEYS)
+    try:
+        for key in content:
+            if key not in KEYS:
+                near = get_close_matches(str(key), KEYS, 1) or [', '.join(KEYS)]
+                raise ParameterError(f'{key} is refused: a study has no such key; '
+                                     f'is {near[0]} meant?')
+        experiment = read_experiment(experiment_file(path, content.get('experiment')))
+        given = {'duration': experiment.plant_simulator.duration} | {
+            key: content[key] for key in EXTENT if key in content}
+        return Study(
+            axis=part(Axis, experiment.plant_simulator),
+            controller=part(Controller, experiment.controller), extent=build(Extent, given),
+            tolerances=tolerances_of(content.get('tolerances', [1e-2, 1e-3])),
+            vary=laws_of(content.get('vary')))
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+
+
+def experiment_file(study: str | Path, name: Any) -> Path:
+    """Return the experiment's file: relative to the study, or else an installed one."""
+    if type(name) is not str:
+        raise refusal('experiment', name, 'a parameter file')
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    installed = [Path(prefix, 'share', 'impulse_control_ros', 'config')
+                 for prefix in (*prefixes, sys.prefix)]
+    places = [folder / name for folder in (Path(study).parent, *installed)]
+    for place in places:
+        if place.is_file():
+            return place
+    raise refusal('experiment', name, f'a parameter file; there is no {places[0]}')
+
+
+def part(kind: type[KIND], whole: Parameters) -> KIND:
+    """Return of a node's parameters those that its run depends on."""
+    names = kind().flat()
+    return build(kind, {name: value for name, value in whole.flat().items() if name in names})
+
+
+def tolerances_of(given: Any) -> tuple[float, ...]:
+    """Return the tolerances, or raise."""
+    if not isinstance(given, list) or len(set(map(str, given))) < len(given) or not all(
+            type(item) in (float, int) and 0.0 < item < 1e300 for item in given):
+        raise refusal('tolerances', given, 'a list of different numbers > 0 [m]')
+    return tuple(float(item) for item in given)
+
+
+def laws_of(given: Any) -> dict[str, Any]:
+    """Return the law of each parameter, or raise."""
+    if not isinstance(given, Mapping) or not given:
+        raise refusal('vary', given, 'parameters with their laws, e.g. F_c: {uniform: [0, 1.5]}')
+    return {str(name): law_of(str(name), law) for name, law in given.items()}
+
+
+@lru_cache
+def code_digest() -> str:
+    """Return a digest of the code that a figure depends on: all of core."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(impulse_control_ros.core.__path__[0]).glob('*.py')):
+        digest.update(path.name.encode() + b'\0' + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def identity(study: Study) -> str:
+    """Return in JSON all that decides the bits of a study's result."""
+    made_by = {'version': __version__, 'code': code_digest()}
+    return json.dumps(made_by | described(study))
+
+
+def difference(one: str, other: str) -> str:
+    """Name the first thing in which two identities differ."""
+    left, right = json.loads(one), json.loads(other)
+    for name in [*left, *right]:
+        if left.get(name) != right.get(name):
+            return f'{name} = {left.get(name)} there, {right.get(name)} here'
+    return 'nothing'

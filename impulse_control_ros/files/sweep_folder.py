@@ -1,0 +1,139 @@
+"""
+The folder of a sweep.
+
+    FOLDER/parts/part_0000012.parquet   chunk 12, while the sweep is not finished
+    FOLDER/runs.parquet                 all runs, in order; then there are no parts
+
+Each file carries the identity of its study and appears only when it is whole, so a sweep that
+ends anywhere goes on from the chunks that are there. A part that cannot be read whole, checksums
+included, is made again.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import fcntl
+import os
+from pathlib import Path
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.files.study_file import difference
+
+KEY = b'impulse_control_ros'
+ROW_GROUP = 32_768
+OPTIONS = {'compression': 'zstd', 'use_dictionary': False, 'write_page_checksum': True}
+UNREADABLE = (pa.ArrowException, OSError, ValueError)
+
+
+class SweepError(RuntimeError):
+    """A sweep that cannot go on; the message says why, and what to do."""
+
+
+class SweepFolder:
+    """
+    The results of one study, by its ``identity``.
+
+    ``units`` has the unit of each column, in their order.
+    """
+
+    def __init__(self, path: Path, identity: str, units: Mapping[str, str]) -> None:
+        self.path, self._identity, self._units = path, identity, units
+        self.result, self._parts = path / 'runs.parquet', path / 'parts'
+
+    def is_concluded(self) -> bool:
+        """Tell whether the result is there; refuse the folder of another study."""
+        if self.path.exists() and not self.path.is_dir():
+            raise ParameterError(f'{self.path} is refused: allowed is a folder')
+        if not self.result.exists():
+            return False
+        try:
+            self._require_identity(pq.read_schema(self.result))
+        except UNREADABLE as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(f'{self.result} is not the result of a sweep: choose another '
+                                 '--out or move it away') from None
+        return True
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other sweeps out; a folder in which nothing came to be is removed."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError:
+            raise SweepError(f'another sweep is working in {self.path}') from None
+        finally:
+            os.close(handle)
+            if not any(self.path.iterdir()):
+                self.path.rmdir()
+
+    def finished(self) -> set[int]:
+        """Return the numbers of the chunks that are there; refuse parts of another study."""
+        found = set()
+        for path in self._parts.glob('part_*.parquet'):
+            try:
+                self._require_identity(pq.read_schema(path))
+                read_part(path)
+                found.add(int(path.stem.removeprefix('part_')))
+            except ParameterError:
+                raise
+            except UNREADABLE:
+                continue
+        return found
+
+    def save(self, number: int, columns: Mapping[str, np.ndarray]) -> None:
+        """Save a chunk."""
+        table = pa.table({name: pa.array(columns[name]) for name in self._units})
+        fields = [field.with_metadata({'unit': self._units[field.name]})
+                  for field in table.schema]
+        table = table.cast(pa.schema(fields, {KEY: self._identity}))
+        self._parts.mkdir(exist_ok=True)
+        with replaced(self._part(number)) as path:
+            pq.write_table(table, path, **OPTIONS)
+
+    def conclude(self, chunks: int) -> None:
+        """Make the result of all parts, some rows at a time, and remove the parts."""
+        schema = pq.read_schema(self._part(0))
+        with replaced(self.result) as path, pq.ParquetWriter(path, schema, **OPTIONS) as writer:
+            waiting: list[pa.Table] = []
+            for number in range(chunks):
+                waiting.append(read_part(self._part(number)))
+                if sum(map(len, waiting)) >= ROW_GROUP or number + 1 == chunks:
+                    writer.write_table(pa.concat_tables(waiting).combine_chunks())
+                    waiting.clear()
+        self.remove_parts()
+
+    def remove_parts(self) -> None:
+        """Remove the parts, which a result makes superfluous."""
+        shutil.rmtree(self._parts, ignore_errors=True)
+
+    def column(self, name: str) -> np.ndarray:
+        """Return a column of the result."""
+        return np.asarray(pq.read_table(
+            self.result, columns=[name], use_threads=False, pre_buffer=False)[name])
+
+    def _part(self, number: int) -> Path:
+        return self._parts / f'part_{number:07}.parquet'
+
+    def _require_identity(self, schema: pa.Schema) -> None:
+        there = (schema.metadata or {}).get(KEY)
+        if there is None:
+            raise ValueError('no sweep made this')
+        if there.decode() != self._identity:
+            raise ParameterError(
+                f'{self.path} holds another study ({difference(there.decode(), self._identity)})'
+                ': choose another --out or move it away')
+
+
+def read_part(path: Path) -> pa.Table:
+    """Return a part, its checksums verified."""
+    with pq.ParquetFile(path, page_checksum_verification=True) as part:
+        return part.read(use_threads=False)

@@ -1,0 +1,129 @@
+"""
+``sweep``: run what is left of a study, and show its result.
+
+What a study needs is imported late, so that --help and a bad command line answer at once.
+"""
+
+import argparse
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+import sys
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from impulse_control_ros.stop import StopRequest
+
+if TYPE_CHECKING:
+    from impulse_control_ros.core.study import Study
+    from impulse_control_ros.files.sweep_folder import SweepFolder
+    from impulse_control_ros.tools.sweep_workers import Workers
+
+EPILOG = """\
+The folder gets runs.parquet, a row for each run, and pictures. A sweep that was ended goes on
+with the same command; a finished one shows its summary again. docs/sweep.md has the YAML."""
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(
+        prog='sweep', description='Run a Monte Carlo or grid study of the closed loop.',
+        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('study', metavar='STUDY.yaml', type=Path, help='the study')
+    parser.add_argument('--out', metavar='FOLDER', type=Path,
+                        help='folder of the result; runs/STUDY if not given')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='a Dask scheduler, e.g. tcp://10.0.0.1:8786; without: all cores here')
+    return parser.parse_args(arguments)
+
+
+def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """
+    Be the whole of the executable; returns the exit status.
+
+    0: done; 2: bad arguments, study or folder; 1: anything else; said in one line.
+    """
+    options = parse(arguments)
+    try:
+        from impulse_control_ros.core.parameter import ParameterError
+        from impulse_control_ros.files.sweep_folder import SweepError
+        import impulse_control_ros.tools.sweep_pictures  # noqa: F401 (it may be missing a package)
+    except ModuleNotFoundError as error:
+        missing = str(error.name).split('.')[0]
+        return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
+                     'pip install matplotlib pyarrow', 1)
+    try:
+        return run(options, stop)
+    except ParameterError as error:
+        return leave(error, 2)
+    except (SweepError, OSError) as error:
+        return leave(error, 1)
+
+
+def leave(why: object, status: int) -> int:
+    """Say why it ends; returns ``status``."""
+    print(f'sweep: {why}', file=sys.stderr)
+    return status
+
+
+def run(options: argparse.Namespace, stop: StopRequest) -> int:
+    """Run what is left of the study, and show the result; returns the exit status."""
+    from impulse_control_ros.core.study import units
+    from impulse_control_ros.files.study_file import identity, read_study
+    from impulse_control_ros.files.sweep_folder import SweepFolder
+    from impulse_control_ros.tools.sweep_pictures import save_pictures
+    from impulse_control_ros.tools.sweep_summary import summary
+
+    study = read_study(options.study)
+    folder = SweepFolder(options.out or Path('runs', options.study.stem), identity(study),
+                         units(study))
+    rate = ''
+    if folder.is_concluded():
+        print(f'sweep: {folder.result} is finished')
+    else:
+        with workers_at(options.scheduler) as workers, folder.held():
+            rate = finish(study, folder, workers, stop)
+    folder.remove_parts()
+    print('\n' + summary(study, folder.column) + rate)
+    for path in save_pictures(study, folder.column, folder.path, options.study.stem):
+        print(path)
+    return 0
+
+
+def workers_at(scheduler: str | None) -> 'AbstractContextManager[Workers]':
+    """Return the workers of a cluster, or those here."""
+    from impulse_control_ros.tools.sweep_workers import dask_workers, local_workers
+    return dask_workers(scheduler) if scheduler else local_workers()
+
+
+def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: StopRequest) -> str:
+    """Run the chunks that are not there; conclude if all are, and say how fast it was."""
+    from tqdm import tqdm
+
+    from impulse_control_ros.files.sweep_folder import SweepError
+    from impulse_control_ros.tools.sweep_workers import computed
+
+    there = folder.finished()
+    todo = [number for number in range(study.chunks) if number not in there]
+    done = study.rows - sum(len(study.rows_of(number)) for number in todo)
+    began = perf_counter()
+    print(f'sweep: {study.rows} runs of {study.extent.duration:g} s ({study.steps} steps) in '
+          f'{study.chunks} chunks, {len(there)} of them finished, on {workers.name}', flush=True)
+    tqdm.monitor_interval = 0  # no thread beside ours
+    with tqdm(total=study.rows, initial=done, unit='run', disable=None) as bar:
+        for number, columns in computed(workers, study, todo, stop):
+            folder.save(number, columns)
+            bar.update(len(study.rows_of(number)))
+    wall = perf_counter() - began
+    if stop.requested:
+        raise SweepError(f'interrupted with {len(folder.finished())} of {study.chunks} chunks '
+                         'finished; the same command goes on from there')
+    folder.conclude(study.chunks)
+    return speed(study, study.rows - done, wall, max(workers.slots(), 1)) if todo else ''
+
+
+def speed(study: 'Study', runs: int, wall: float, cores: int) -> str:
+    """Say how fast ``runs`` were done in ``wall`` seconds."""
+    per_step = wall * cores / (runs * study.steps) * 1e9
+    return (f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns per '
+            f'run-step and core on {cores} cores\n')

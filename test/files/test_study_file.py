@@ -1,0 +1,122 @@
+"""Study files: read as they say, or refused in one line that names the thing."""
+
+import re
+
+import pytest
+import yaml
+
+from impulse_control_ros.core.law import Law, LAWS
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.study_file import difference, identity, read_study
+from test.conftest import CONFIG, ROOT
+
+GOOD = f"""
+experiment: {CONFIG / 'coulomb.yaml'}
+duration: 0.5
+seed: 4
+runs: 20
+tolerances: [1e-2]
+vary:
+  F_c: {{uniform: [0, 1.5]}}
+"""
+STUDIES = sorted((ROOT / 'studies').glob('*.yaml'))
+
+
+def read(tmp_path, text=GOOD):
+    path = tmp_path / 'study.yaml'
+    path.write_text(text)
+    return read_study(path)
+
+
+@pytest.mark.parametrize('path', STUDIES, ids=lambda path: path.stem)
+def test_every_study_of_ours_can_be_read(path):
+    assert read_study(path).rows > 10_000
+
+
+def test_a_study_is_what_its_file_says(tmp_path):
+    study = read(tmp_path)
+    coulomb = read_experiment(CONFIG / 'coulomb.yaml')
+    assert (study.extent.duration, study.extent.seed, study.extent.runs) == (0.5, 4, 20)
+    assert study.tolerances == (1e-2,)
+    assert study.vary == {'F_c': Law(kind='uniform', arguments=(0, 1.5))}
+    assert study.axis.x_0 == coulomb.plant_simulator.x_0
+    assert study.axis.damping == coulomb.plant_simulator.damping
+    assert study.controller.flat() == {
+        name: value for name, value in coulomb.controller.flat().items() if name != 'joint_name'}
+
+
+def test_the_duration_is_that_of_the_experiment_where_none_is_given(tmp_path):
+    assert read(tmp_path, GOOD.replace('duration: 0.5\n', '')).extent.duration == 5.0
+
+
+def test_an_experiment_is_found_beside_the_study_or_where_ros_installs_ours(
+        tmp_path, monkeypatch):
+    text = GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'other.yaml')
+    place = tmp_path / 'prefix' / 'share' / 'impulse_control_ros' / 'config'
+    place.mkdir(parents=True)
+    (place / 'other.yaml').write_text((CONFIG / 'coulomb.yaml').read_text())
+    with pytest.raises(ParameterError):
+        read(tmp_path, text)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
+    assert read(tmp_path, text).axis.x_0 == 0.15
+    (tmp_path / 'other.yaml').write_text((CONFIG / 'underdamped.yaml').read_text())
+    assert read(tmp_path, text).axis.x_0 == 0.5
+
+
+@pytest.mark.parametrize(('old', 'new', 'said'), [
+    ('seed: 4', 'sed: 4', 'sed is refused: a study has no such key; is seed meant?'),
+    ('seed: 4', 'seed: four', "seed = 'four' is refused: allowed is an integer"),
+    ('seed: 4', 'seed: -4', 'seed = -4 is refused: allowed is >= 0'),
+    ('runs: 20', 'runs: 2.5', 'runs = 2.5 is refused: allowed is an integer'),
+    ('duration: 0.5', 'duration: 0', 'duration = 0.0 is refused: allowed is > 0 [s]'),
+    ('duration: 0.5', 'duration: .inf', 'duration = inf is refused'),
+    ('[1e-2]', '[1e-2, 1e-2]', 'is refused: allowed is a list of different numbers > 0 [m]'),
+    ('[1e-2]', '1e-2', 'tolerances = 0.01 is refused'),
+    ('[1e-2]', '[-1]', 'tolerances = [-1] is refused'),
+    ('F_c:', 'F_d:', 'F_d is refused: no such parameter can be varied; is F_c meant?'),
+    ('uniform', 'unifrom', 'F_c: unifrom is refused: there is no such law; is uniform meant?'),
+    ('[0, 1.5]', '[-1, 1.5]', 'F_c = -1.0 is refused: allowed is >= 0 [N]'),
+    ('{uniform: [0, 1.5]}', '3', 'F_c = 3 is refused: allowed is one law: '),
+    ('{uniform: [0, 1.5]}', '{uniform: [0, 1.5]', "expected ',' or '}'"),
+    ('\n  F_c: {uniform: [0, 1.5]}', ' 3', 'vary = 3 is refused: allowed is parameters with'),
+    ('vary:\n  F_c: {uniform: [0, 1.5]}', '', 'vary = None is refused'),
+    ('coulomb.yaml', 'coulumb.yaml', 'is refused: allowed is a parameter file; there is no '),
+    (f'{CONFIG}/coulomb.yaml', '3', 'experiment = 3 is refused: allowed is a parameter file'),
+    ('experiment:', 'experiments:', 'is experiment meant?'),
+])
+def test_a_wrong_study_is_refused_in_one_line(tmp_path, old, new, said):
+    assert old in GOOD
+    with pytest.raises(ParameterError) as refused:
+        read(tmp_path, GOOD.replace(old, new, 1))
+    assert said in str(refused.value)
+    assert str(tmp_path / 'study.yaml') in str(refused.value)
+    assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('text', ['', '- 1\n', 'a\n', '\x00'])
+def test_a_file_that_is_no_mapping_is_refused_in_one_line(tmp_path, text):
+    with pytest.raises(ParameterError) as refused:
+        read(tmp_path, text)
+    assert '\n' not in str(refused.value)
+
+
+def test_a_wrong_experiment_is_named(tmp_path):
+    (tmp_path / 'wrong.yaml').write_text('controller:\n  ros__parameters: {K: ten}\n')
+    with pytest.raises(ParameterError, match=r"wrong\.yaml: controller: K = 'ten' is refused"):
+        read(tmp_path, GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'wrong.yaml'))
+
+
+def test_the_documentation_shows_a_study_and_every_law():
+    text = (ROOT / 'docs' / 'sweep.md').read_text()
+    shown = re.search(r'```yaml\n(.*?)```', text, re.S)[1]
+    study = yaml.safe_load((ROOT / 'studies' / 'gains.yaml').read_text())
+    assert yaml.safe_load(shown) == study
+    assert re.findall(r'^\| `(\w+)` \|', text, re.M) == list(LAWS)
+
+
+def test_an_identity_tells_studies_apart_by_what_their_figures_depend_on(tmp_path):
+    one = identity(read(tmp_path))
+    assert one == identity(read(tmp_path, GOOD.replace('[0, 1.5]', '[0.0, 1.5]')))
+    other = identity(read(tmp_path, GOOD.replace('seed: 4', 'seed: 5')))
+    assert difference(one, other) == 'seed = 4 there, 5 here'
