@@ -5,6 +5,7 @@ from setuptools import find_packages, setup
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
+ANALYSIS = ['matplotlib>=3.8', 'pyarrow']  # figures and tables
 
 setup(
     name=PACKAGE,
@@ -26,11 +27,13 @@ setup(
                       'pyyaml', 'tqdm'],
     extras_require={
         'ros': ROS,
+        'analysis': ANALYSIS,
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
         'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
-                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80'],
+                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80', *ANALYSIS],
     },
     zip_safe=True,
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.nodes.entry:{name}' for name in NODES]},
+        *(f'{name} = {PACKAGE}.nodes.entry:{name}' for name in NODES),
+        f'paper_figures = {PACKAGE}.tools.paper.command:main']},
 )
