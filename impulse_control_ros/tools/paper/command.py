@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 NAME = 'paper_figures'
 # Without dates and versions the same runs give the same bytes.
 FORMATS: dict[str, dict[str, Any]] = {'png': {'Software': None}, 'pdf': {'CreationDate': None}}
-PRINT_DPI, DOCS_DPI = 200, 100
+PRINT_DPI, DOCS_DPI = 200, 120
 
 
 class UsageError(Exception):

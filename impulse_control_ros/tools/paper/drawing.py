@@ -26,7 +26,7 @@ STYLE: dict[Any, Any] = {  # Any: the names that matplotlib allows vary
     'grid.alpha': 0.3, 'lines.linewidth': 1.4, 'legend.framealpha': 0.9,
     'pdf.fonttype': 42, 'axes.formatter.useoffset': False}
 WIDTH, LINE = 9.0, 0.155  # in; of a figure, and from line to line of its caption
-COLUMNS, NO_BREAK = 155, '\xa0'  # of a line of the caption
+COLUMNS, NO_BREAK = 148, '\xa0'  # of a line of the caption
 
 
 def draw(figure: int, runs: Runs, caption: str = '') -> Figure:

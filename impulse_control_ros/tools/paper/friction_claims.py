@@ -65,7 +65,7 @@ def converges(runs: Runs) -> Claim:
                 int(np.count_nonzero(case.strict.events['time'] <= 2.0))),
                 text='exponentially, by {:.2f} per second (e-fold), to {:.4f} mm after 2 s, with '
                 'ever more impulses ({:.0f} by then)'),
-            Measured(when='sampled', holds=max(ends) < 1e3 * TINY, values=(
+            Measured(when='sampled', holds=bool(max(ends) < 1e3 * TINY), values=(
                 *ends, 1e3 * sampled_floor(case.gains, case.axis.F_c)),
                 text='to a floor of first order in the time step, {:.3f}, {:.4f} and {:.5f} mm at '
                 '1e-3, 1e-4 and 1e-5 s: below 2 F_c dt / (kappa d_bar) ({:.4f} mm at 1e-4 s) a '

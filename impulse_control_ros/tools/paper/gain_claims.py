@@ -58,7 +58,7 @@ def one_successor(case: Case) -> Claim:
         key='one successor', where='(10), (16), section III-B',
         says='the flow set and the jump set are disjoint, and a jump gives one successor state',
         measured=(
-            Measured(when='at v = 0', holds=start['velocity_after'] != 0.0, values=(
+            Measured(when='at v = 0', holds=bool(start['velocity_after'] != 0.0), values=(
                 start['velocity_after'],), text='the jump leaves the guard, v+ = {:.2f} m/s'),
             Measured(when='at e = 0', holds=case.strict.end is not End.ORIGIN, values=(
                 ratio, jumps), text='the successor lies on the guard again, and (10) shrinks v '
@@ -128,7 +128,7 @@ def alpha_range(case: Case) -> Claim:
         measured=(
             Measured(when=STRICT, holds=rests, values=(strict,),
                      text='at rest in the origin at {:.4f} s'),
-            Measured(when=ONE_JUMP, holds=worst < 1.0, values=(worst,),
+            Measured(when=ONE_JUMP, holds=bool(worst < 1.0), values=(worst,),
                      text='the bounces shrink, to {:.3f} or less each time'),
             Measured(when=SAMPLED, holds=latest < strict + SOON, values=(latest,),
                      text='within 1e-3 m from {:.4f} s at the latest')))
@@ -194,6 +194,6 @@ def weight_of_one(case: Case, coulomb: Case) -> Claim:
             Measured(when='a sticking axis', holds=bool(rest < 0.01 * axis.x_0), values=(
                 axis.x_0, 1e3 * rest), text='from {:g} m, where PD sticks, it moves on to '
                 '{:.3f} mm after 2 s'),
-            Measured(when='a moving axis', holds=abs(jump / wanted - 1.0) < 0.01,
+            Measured(when='a moving axis', holds=bool(abs(jump / wanted - 1.0) < 0.01),
                      values=(jump, wanted), text='beta doubles while (15) still jumps twice: '
                      'v+ = {:.2f} m/s in place of the {:.2f} m/s of (25)')))
