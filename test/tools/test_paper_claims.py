@@ -10,6 +10,7 @@ from impulse_control_ros.tools.paper.friction_claims import both_axes, converges
 from impulse_control_ros.tools.paper.gain_claims import critical, reaches_zero
 from impulse_control_ros.tools.paper.response_claims import (
     bounded_damping,
+    comparable,
     critical_response,
     faster,
     peak_velocity,
@@ -160,6 +161,10 @@ def test_another_motion_gets_another_judgement(runs):
     assert reaches_zero(runs.impulses, replace(
         runs.coulomb, axis=replace(runs.coulomb.axis, x_0=0.3))).verdict == 'yes'
     assert bounded_damping(replace(runs.varying, run=runs.pd_upper.run)).measured[1].holds is False
+    pairs = ((runs.pd_varying.run, runs.varying.run),)
+    ours, theirs = comparable(runs).measured[0].values[:2]
+    one = comparable(replace(runs, seeds=pairs)).measured[1]
+    assert (one.holds, one.values) == (True, (ours / theirs,) * 3)
     fine = {step: replace(run, position=run.position * 1e-9) for step, run in runs.steps.items()}
     assert converges(replace(runs, steps=fine)).measured[1].holds
 

@@ -28,10 +28,9 @@ def folder(tmp_path_factory):
     return made
 
 
-def refused(monkeypatch, capsys, *arguments):
+def refused(capsys, *arguments):
     """Return the one line that the command refuses with."""
-    monkeypatch.setattr(sys, 'argv', ['paper_figures', *map(str, arguments)])
-    assert command.main() == 2
+    assert command.status([str(argument) for argument in arguments]) == 2
     said = capsys.readouterr()
     assert said.out == ''
     assert said.err.count('\n') == 1
@@ -94,16 +93,40 @@ def test_a_caption_stays_below_its_figure_and_within_its_width(runs, claims, fig
     assert box.y1 <= lowest
 
 
+def shown(runs, figure):
+    """Return, for each axes of a figure with its insets, the lines as arrays of points."""
+    with rc_context(STYLE):
+        drawn = draw(figure, runs).axes
+    return [[line.get_xydata() for line in axes.get_lines()]
+            for axes in drawn + [inset for axes in drawn for inset in axes.child_axes]]
+
+
 def test_the_figures_show_what_was_run(runs):
-    with rc_context(STYLE):
-        axes = draw(2, runs).axes
-    shown = [line.get_xydata() for line in axes[0].get_lines()]
-    for run in (runs.pd_lower.run, runs.impulses.run):
-        assert any(np.array_equal(data, np.column_stack([run.time, run.position]))
-                   for data in shown if len(data) == len(run.time))
-    with rc_context(STYLE):
-        bar = draw(5, runs).axes[0].get_lines()[0].get_xdata()
-    assert list(bar) == [-0.1, 0.1]
+    time, position, velocity = 'time', 'position', 'velocity'
+    for figure, at, names, case in (
+            (1, 0, (time, position), runs.pd_upper), (1, 1, (position, velocity), runs.pd_upper),
+            (1, 0, (time, position), runs.pd_lower), (1, 1, (position, velocity), runs.pd_lower),
+            (2, 0, (time, position), runs.pd_lower), (2, 2, (time, velocity), runs.pd_lower),
+            (2, 0, (time, position), runs.impulses), (2, 2, (time, velocity), runs.impulses),
+            (4, 0, (position, velocity), runs.varying), (4, 2, (time, position), runs.varying),
+            (4, 1, (position, velocity), runs.pd_varying),
+            (5, 0, (position, velocity), runs.coulomb), (5, 2, (position, velocity), runs.coulomb),
+            (5, 0, (position, velocity), runs.pd_coulomb)):
+        points = np.column_stack([getattr(case.run, name) for name in names])
+        assert any(np.array_equal(line, points) for line in shown(runs, figure)[at]), (figure, at)
+
+
+def test_fig_3_shows_the_damping_and_its_bounds(runs):
+    damping, upper, lower = shown(runs, 3)[0]
+    assert np.array_equal(damping[:, 1], runs.varying.run.damping)
+    assert (set(upper[:, 1]), set(lower[:, 1])) == ({1.5}, {0.15})
+
+
+def test_fig_5_shows_the_dead_zone_and_falls_to_a_floor_at_each_time_step(runs):
+    plane, error, _ = shown(runs, 5)
+    assert plane[0].tolist() == [[-0.1, 0.0], [0.1, 0.0]]
+    ends = sorted(line[-1, 1] for line in error)
+    assert ends[:4] == pytest.approx([1.0e-6, 1.34e-5, 1.34e-4, 1.34e-3], rel=0.04)
 
 
 def test_the_page_on_the_paper_is_up_to_date(claims):
@@ -137,41 +160,42 @@ def test_every_equation_has_a_function_and_a_test_that_exist():
         assert f'\ndef {test}(' in (ROOT / 'test' / path).read_text(), test
 
 
-def test_a_wrong_option_is_refused_in_one_line(monkeypatch, capsys):
-    assert '--bold' in refused(monkeypatch, capsys, '--bold')
-    assert 'not allowed with' in refused(monkeypatch, capsys, '--out', 'a', '--docs', 'b')
+def test_a_wrong_option_is_refused_in_one_line(capsys):
+    assert '--bold' in refused(capsys, '--bold')
+    assert 'not allowed with' in refused(capsys, '--out', 'a', '--docs', 'b')
 
 
-def test_a_folder_that_cannot_be_made_is_refused_by_name(monkeypatch, capsys, tmp_path):
+def test_a_folder_that_cannot_be_made_is_refused_by_name(capsys, tmp_path):
     (tmp_path / 'taken').touch()
     for folder in ('taken', 'taken/below'):
-        assert f'--out {tmp_path / folder}: ' in refused(
-            monkeypatch, capsys, '--out', tmp_path / folder)
+        assert f'--out {tmp_path / folder}: ' in refused(capsys, '--out', tmp_path / folder)
 
 
-def test_a_file_that_cannot_be_written_is_refused_by_name(
-        monkeypatch, capsys, tmp_path, runs):
+def test_a_file_that_cannot_be_written_is_refused_by_name(monkeypatch, capsys, tmp_path, runs):
     (tmp_path / 'fig1.png').mkdir()
     monkeypatch.setattr('impulse_control_ros.tools.paper.runs.paper_runs', lambda: runs)
-    monkeypatch.setattr(sys, 'argv', ['paper_figures', '--out', str(tmp_path)])
-    assert command.main() == 2
-    assert f'{tmp_path / "fig1.png"}: Is a directory\n' in capsys.readouterr().err
+    assert command.status(['--out', str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f'paper_figures: {tmp_path / "fig1.png"}: Is a directory\n'
 
 
-def test_a_folder_without_the_page_is_refused_by_name(monkeypatch, capsys, tmp_path):
-    assert f'{tmp_path}: there is no paper.md' in refused(
-        monkeypatch, capsys, '--docs', tmp_path)
+def test_a_folder_without_the_page_is_refused_by_name(capsys, tmp_path):
+    assert f'{tmp_path}: there is no paper.md' in refused(capsys, '--docs', tmp_path)
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch, capsys):
     monkeypatch.setattr(command, 'find_spec', lambda name: None)
-    assert "pip install 'impulse_control_ros[analysis]'" in refused(monkeypatch, capsys)
+    assert "pip install 'impulse_control_ros[analysis]'" in refused(capsys)
 
 
-def test_ctrl_c_is_answered_in_one_line(monkeypatch, capsys, tmp_path):
-    def interrupted():
-        raise KeyboardInterrupt
-    monkeypatch.setattr('impulse_control_ros.tools.paper.runs.paper_runs', interrupted)
-    monkeypatch.setattr(sys, 'argv', ['paper_figures', '--out', str(tmp_path)])
-    assert command.main() == 1
-    assert capsys.readouterr().err == 'paper_figures: interrupted\n'
+def test_ctrl_c_is_answered_in_one_line(tmp_path):
+    code = """
+import signal, sys
+from impulse_control_ros.tools.paper import command, runs
+runs.paper_runs = lambda: signal.raise_signal(signal.SIGINT)
+sys.exit(command.main())
+"""
+    said = subprocess.run([sys.executable, '-c', code, '--out', str(tmp_path)], check=False,
+                          capture_output=True, text=True)
+    assert (said.returncode, said.stdout) == (1, '')
+    assert said.stderr == 'paper_figures: interrupted\n'
+    assert list(tmp_path.iterdir()) == []

@@ -1,7 +1,8 @@
 """
 ``paper_figures``: Figs. 1 to 5 of the paper and its claims, from our own runs.
 
-What takes time to import is imported on use: Ctrl-C is then answered in one line.
+What takes time to import is imported on use, so that Ctrl-C is answered in one line from early
+on. A file is written in one go: what is there is whole.
 """
 
 from __future__ import annotations
@@ -9,11 +10,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from importlib.util import find_spec
+from io import BytesIO
+import os
 from pathlib import Path
+import signal
 import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from impulse_control_ros.tools.paper.claim import Claim
     from impulse_control_ros.tools.paper.runs import Runs
 
@@ -56,6 +62,13 @@ def made(folder: Path) -> Path:
     return folder
 
 
+def saved(drawn: Figure, suffix: str, dpi: int) -> bytes:
+    """Return a figure as the content of a file."""
+    content = BytesIO()
+    drawn.savefig(content, format=suffix, dpi=dpi, metadata=FORMATS[suffix])
+    return content.getvalue()
+
+
 def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     """Write every figure with its caption, as PNG and PDF."""
     from matplotlib import rc_context
@@ -65,8 +78,8 @@ def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     with rc_context(STYLE):
         for figure in DRAWN:
             drawn = draw(figure, runs, caption(figure, claims))
-            for suffix, metadata in FORMATS.items():
-                drawn.savefig(folder / f'fig{figure}.{suffix}', dpi=PRINT_DPI, metadata=metadata)
+            for suffix in FORMATS:
+                (folder / f'fig{figure}.{suffix}').write_bytes(saved(drawn, suffix, PRINT_DPI))
 
 
 def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
@@ -79,8 +92,7 @@ def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     page.write_text(renewed(page.read_text(), claims))
     with rc_context(STYLE):
         for figure in DRAWN:
-            draw(figure, runs).savefig(folder / f'fig{figure}.png', dpi=DOCS_DPI,
-                                       metadata=FORMATS['png'])
+            (folder / f'fig{figure}.png').write_bytes(saved(draw(figure, runs), 'png', DOCS_DPI))
 
 
 def run(arguments: Sequence[str]) -> None:
@@ -104,14 +116,23 @@ def run(arguments: Sequence[str]) -> None:
     print(f'\nFigures 1 to 5 are in {folder}')
 
 
-def main() -> int:
-    """Run the command line; returns the exit status."""
+def interrupted(*_: Any) -> None:
+    """End at once: an exception might be raised, and lost, in a callback of the interpreter."""
+    os.write(sys.stderr.fileno(), f'{NAME}: interrupted\n'.encode())
+    os._exit(1)
+
+
+def status(arguments: Sequence[str]) -> int:
+    """Do what the arguments say; returns the exit status."""
     try:
-        run(sys.argv[1:])
+        run(arguments)
     except UsageError as error:
         print(f'{NAME}: {error}', file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f'{NAME}: interrupted', file=sys.stderr)
-        return 1
     return 0
+
+
+def main() -> int:
+    """Run the command line; returns the exit status."""
+    signal.signal(signal.SIGINT, interrupted)
+    return status(sys.argv[1:])
