@@ -15,9 +15,7 @@ from difflib import get_close_matches
 from functools import lru_cache
 import hashlib
 import json
-import os
 from pathlib import Path
-import sys
 from typing import Any
 
 from impulse_control_ros import __version__
@@ -28,6 +26,7 @@ from impulse_control_ros.core.law import law_of
 from impulse_control_ros.core.parameter import build, KIND, ParameterError, Parameters, refusal
 from impulse_control_ros.core.study import described, Extent, Study
 from impulse_control_ros.files.experiment import read_experiment, read_mapping
+from impulse_control_ros.files.shipped import shipped_experiment
 
 EXTENT = ('duration', 'seed', 'runs')
 KEYS = ('experiment', *EXTENT, 'tolerances', 'vary')
@@ -60,17 +59,16 @@ def read_study(path: str | Path) -> Study:
 
 
 def experiment_file(study: str | Path, name: Any) -> Path:
-    """Return the experiment's file: relative to the study, or else an installed one."""
+    """Return the experiment's file: relative to the study, or else one of ours."""
     if type(name) is not str:
         raise refusal('experiment', name, 'a parameter file')
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    installed = [Path(prefix, 'share', 'impulse_control_ros', 'config')
-                 for prefix in (*prefixes, sys.prefix)]
-    places = [folder / name for folder in (Path(study).parent, *installed)]
-    for place in places:
-        if place.is_file():
-            return place
-    raise refusal('experiment', name, f'a parameter file; there is no {places[0]}')
+    place = Path(study).parent / name
+    if place.is_file():
+        return place
+    try:
+        return shipped_experiment(name.removesuffix('.yaml'))
+    except ParameterError:
+        raise refusal('experiment', name, f'a parameter file; there is no {place}') from None
 
 
 def part(kind: type[KIND], whole: Parameters) -> KIND:

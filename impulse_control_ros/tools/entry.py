@@ -11,3 +11,8 @@ def sweep() -> int:
     status = int(import_module('impulse_control_ros.tools.sweep').main(stop))
     stop.ignore()
     return status
+
+
+def paper_figures() -> int:
+    """Draw the paper's figures; it ends at once at Ctrl-C, for what it writes is whole."""
+    return int(import_module('impulse_control_ros.tools.paper.command').main())

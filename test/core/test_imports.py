@@ -12,8 +12,8 @@ PACKAGE = ROOT / 'impulse_control_ros'
 
 
 def modules(room: str) -> list[str]:
-    return [f'impulse_control_ros.{room}.{path.stem}'
-            for path in sorted((PACKAGE / room).glob('*.py')) if path.stem != '__init__']
+    return ['.'.join(path.relative_to(ROOT).with_suffix('').parts)
+            for path in sorted((PACKAGE / room).rglob('*.py')) if path.stem != '__init__']
 
 
 def loaded_by(names: list[str]) -> set[str]:

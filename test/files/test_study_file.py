@@ -50,18 +50,13 @@ def test_the_duration_is_that_of_the_experiment_where_none_is_given(tmp_path):
     assert read(tmp_path, GOOD.replace('duration: 0.5\n', '')).extent.duration == 5.0
 
 
-def test_an_experiment_is_found_beside_the_study_or_where_ros_installs_ours(
-        tmp_path, monkeypatch):
-    text = GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'other.yaml')
-    place = tmp_path / 'prefix' / 'share' / 'impulse_control_ros' / 'config'
-    place.mkdir(parents=True)
-    (place / 'other.yaml').write_text((CONFIG / 'coulomb.yaml').read_text())
-    with pytest.raises(ParameterError):
-        read(tmp_path, text)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
+def test_an_experiment_is_found_beside_the_study_or_among_ours(tmp_path):
+    text = GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'coulomb.yaml')
     assert read(tmp_path, text).axis.x_0 == 0.15
-    (tmp_path / 'other.yaml').write_text((CONFIG / 'underdamped.yaml').read_text())
+    (tmp_path / 'coulomb.yaml').write_text((CONFIG / 'underdamped.yaml').read_text())
     assert read(tmp_path, text).axis.x_0 == 0.5
+    with pytest.raises(ParameterError, match='there is no .*other.yaml'):
+        read(tmp_path, text.replace('coulomb', 'other'))
 
 
 @pytest.mark.parametrize(('old', 'new', 'said'), [

@@ -1,0 +1,23 @@
+"""The experiments that come with the package."""
+
+from pathlib import Path
+
+from impulse_control_ros.core.parameter import refusal
+
+PACKAGE = 'impulse_control_ros'
+
+
+def shipped_experiment(name: str) -> Path:
+    """
+    Return the parameter file of an experiment of ours, by its name without ``.yaml``.
+
+    It lies in ``config`` beside the package in its repository, and in ``share`` of the prefix
+    above the package once that is installed. Raises `ParameterError` when there is none.
+    """
+    package = Path(__file__).resolve().parents[1]
+    folders = [package.parent / 'config',
+               *(prefix / 'share' / PACKAGE / 'config' for prefix in package.parents)]
+    for folder in folders:
+        if (folder / f'{name}.yaml').is_file():
+            return folder / f'{name}.yaml'
+    raise refusal('experiment', name, f'one in {folders[0]} or share/{PACKAGE}/config above it')

@@ -1,0 +1,138 @@
+"""
+``paper_figures``: Figs. 1 to 5 of the paper and its claims, from our own runs.
+
+What takes time to import is imported on use, so that Ctrl-C is answered in one line from early
+on. A file is written in one go: what is there is whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from importlib.util import find_spec
+from io import BytesIO
+import os
+from pathlib import Path
+import signal
+import sys
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from impulse_control_ros.tools.paper.claim import Claim
+    from impulse_control_ros.tools.paper.runs import Runs
+
+NAME = 'paper_figures'
+# Without dates and versions the same runs give the same bytes.
+FORMATS: dict[str, dict[str, Any]] = {'png': {'Software': None}, 'pdf': {'CreationDate': None}}
+PRINT_DPI, DOCS_DPI = 200, 120
+
+
+class UsageError(Exception):
+    """What cannot be done, in one line."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that refuses in one line."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        """Raise `UsageError`."""
+        raise UsageError(f'{message} (see --help)')
+
+
+def parsed(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options."""
+    parser = Parser(prog=NAME, description='Draw Figs. 1 to 5 of the paper from our own runs, '
+                    'as PNG and PDF, and print what becomes of its claims.')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--out', metavar='FOLDER', type=Path, default=Path('figures'),
+                       help='folder for the figures (default: %(default)s)')
+    where.add_argument('--docs', metavar='FOLDER', type=Path,
+                       help='instead of that, renew paper.md and its pictures in FOLDER')
+    return parser.parse_args(arguments)
+
+
+def made(folder: Path) -> Path:
+    """Make the folder, with those above it, and return it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f'--out {folder}: {error.strerror}') from None
+    return folder
+
+
+def saved(drawn: Figure, suffix: str, dpi: int) -> bytes:
+    """Return a figure as the content of a file."""
+    content = BytesIO()
+    drawn.savefig(content, format=suffix, dpi=dpi, metadata=FORMATS[suffix])
+    return content.getvalue()
+
+
+def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
+    """Write every figure with its caption, as PNG and PDF."""
+    from matplotlib import rc_context
+
+    from impulse_control_ros.tools.paper.document import caption
+    from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+    with rc_context(STYLE):
+        for figure in DRAWN:
+            drawn = draw(figure, runs, caption(figure, claims))
+            for suffix in FORMATS:
+                (folder / f'fig{figure}.{suffix}').write_bytes(saved(drawn, suffix, PRINT_DPI))
+
+
+def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
+    """Renew paper.md and its pictures, whose captions it holds."""
+    from matplotlib import rc_context
+
+    from impulse_control_ros.tools.paper.document import renewed
+    from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+    page = folder / 'paper.md'
+    page.write_text(renewed(page.read_text(), claims))
+    with rc_context(STYLE):
+        for figure in DRAWN:
+            (folder / f'fig{figure}.png').write_bytes(saved(draw(figure, runs), 'png', DOCS_DPI))
+
+
+def run(arguments: Sequence[str]) -> None:
+    """Do what the arguments say; raises `UsageError`."""
+    options = parsed(arguments)
+    if find_spec('matplotlib') is None:
+        raise UsageError("matplotlib is missing: pip install 'impulse_control_ros[analysis]'")
+    if options.docs is not None and not (options.docs / 'paper.md').is_file():
+        raise UsageError(f'--docs {options.docs}: there is no paper.md to renew')
+    folder = options.docs or made(options.out)
+    from impulse_control_ros.tools.paper.claims import all_claims
+    from impulse_control_ros.tools.paper.document import plain
+    from impulse_control_ros.tools.paper.runs import paper_runs
+    runs = paper_runs()
+    claims = all_claims(runs)
+    print(plain(claims))
+    try:
+        (write_docs if options.docs else write_figures)(folder, runs, claims)
+    except OSError as error:
+        raise UsageError(f'{error.filename}: {error.strerror}') from None
+    print(f'\nFigures 1 to 5 are in {folder}')
+
+
+def interrupted(*_: Any) -> None:
+    """End at once: an exception might be raised, and lost, in a callback of the interpreter."""
+    os.write(sys.stderr.fileno(), f'{NAME}: interrupted\n'.encode())
+    os._exit(1)
+
+
+def status(arguments: Sequence[str]) -> int:
+    """Do what the arguments say; returns the exit status."""
+    try:
+        run(arguments)
+    except UsageError as error:
+        print(f'{NAME}: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def main() -> int:
+    """Run the command line; returns the exit status."""
+    signal.signal(signal.SIGINT, interrupted)
+    return status(sys.argv[1:])

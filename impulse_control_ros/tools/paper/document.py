@@ -1,0 +1,55 @@
+"""The claims in words: captions, the table for a terminal, and what docs/paper.md holds."""
+
+from collections.abc import Sequence
+import textwrap
+
+from impulse_control_ros.tools.paper.claim import Claim
+
+TITLES = {
+    1: 'PD alone from x = 0.5 m at rest, with the damping at either of its bounds.',
+    2: 'Position and velocity from x = 0.5 m at rest with and without impulses, d = 0.15 N s/m.',
+    3: 'The varying damping of Fig. 4.',
+    4: 'The axis of Fig. 2 under the damping of Fig. 3, with and without impulses.',
+    5: 'The axis with Coulomb friction F_c = 1 N from x = 0.15 m at rest, d = 0.15 N s/m, with '
+       'and without impulses.'}
+MARKER = '<!-- From here on made by: ros2 run impulse_control_ros paper_figures --docs docs -->'
+
+
+def caption(figure: int, claims: Sequence[Claim]) -> str:
+    """Return the caption of a figure: a line on what it shows, and one for each claim on it."""
+    return '\n'.join([f'Fig. {figure}. {TITLES[figure]}', *(
+        f'The paper: {claim.says}. Holds: {claim.verdict}. Ours: {claim.numbers}.'
+        for claim in claims if claim.figure == figure)])
+
+
+def plain(claims: Sequence[Claim]) -> str:
+    """Return the claims for a terminal."""
+    lines = []
+    for claim in claims:
+        lines.append(f'{claim.verdict:<17}{claim.where}: {claim.says}')
+        lines += textwrap.wrap(claim.numbers, 99, initial_indent=' ' * 17,
+                               subsequent_indent=' ' * 17)
+    return '\n'.join(lines)
+
+
+def table(claims: Sequence[Claim]) -> list[str]:
+    """Return the lines of the claims' Markdown table."""
+    rows = [(claim.says, claim.where, claim.verdict, claim.numbers) for claim in claims]
+    return ['| claim | where | holds? | number |', '|---|---|---|---|',
+            *('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |'
+              for row in rows)]
+
+
+def section(claims: Sequence[Claim]) -> str:
+    """Return what docs/paper.md holds below its hand-written part, the marker first."""
+    parts = [MARKER, '', '## Claims', '', *table(claims), '', '## Figures']
+    for figure in TITLES:
+        first, *others = caption(figure, claims).splitlines()
+        parts += ['', f'![Fig. {figure}](fig{figure}.png)', '', f'**{first}**', '',
+                  *(f'* {line}' for line in others)]
+    return '\n'.join(parts) + '\n'
+
+
+def renewed(document: str, claims: Sequence[Claim]) -> str:
+    """Return the text of docs/paper.md with its lower part made anew."""
+    return document.partition(MARKER)[0] + section(claims)

@@ -1,0 +1,26 @@
+"""The experiments of the package are found beside it, and in the prefix it is installed in."""
+
+import pytest
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.files import shipped
+from test.conftest import CONFIG
+
+
+def test_in_the_repository_an_experiment_is_the_one_in_config():
+    assert shipped.shipped_experiment('coulomb') == CONFIG / 'coulomb.yaml'
+
+
+def test_once_installed_it_is_the_one_in_share(monkeypatch, tmp_path):
+    package = tmp_path / 'lib' / 'python3' / 'site-packages' / 'impulse_control_ros' / 'files'
+    share = tmp_path / 'share' / 'impulse_control_ros' / 'config'
+    for folder in (package, share):
+        folder.mkdir(parents=True)
+    (share / 'coulomb.yaml').touch()
+    monkeypatch.setattr(shipped, '__file__', str(package / 'shipped.py'))
+    assert shipped.shipped_experiment('coulomb') == share / 'coulomb.yaml'
+
+
+def test_an_unknown_experiment_is_refused_by_name():
+    with pytest.raises(ParameterError, match="experiment = .*'bounce'.* is refused"):
+        shipped.shipped_experiment('bounce')

@@ -1,0 +1,16 @@
+"""The paper's runs and claims, made once."""
+
+import pytest
+
+from impulse_control_ros.tools.paper.claims import all_claims
+from impulse_control_ros.tools.paper.runs import paper_runs
+
+
+@pytest.fixture(scope='session')
+def runs():
+    return paper_runs()
+
+
+@pytest.fixture(scope='session')
+def claims(runs):
+    return {claim.key: claim for claim in all_claims(runs)}
