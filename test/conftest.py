@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
+import ctypes
 import itertools
 import os
 from pathlib import Path
@@ -23,6 +24,7 @@ ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 BIN = Path(sys.executable).parent
 PATIENCE = 240.0
+PR_SET_PDEATHSIG = 1
 _numbers = itertools.count(os.getpid())
 
 
@@ -38,6 +40,11 @@ def wait_for(condition: Callable[[], object], what: str,
     return pytest.fail(f'{what}: not within {PATIENCE:g} s')
 
 
+def die_with_parent() -> None:
+    """Let a child end with a test session that is killed: it would disturb the next one."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 class Process:
     """A started executable; its output goes to a file."""
 
@@ -46,7 +53,7 @@ class Process:
         with log.open('wb') as out:
             self._popen = subprocess.Popen(
                 command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=env,
-                start_new_session=True)
+                start_new_session=True, preexec_fn=die_with_parent)
 
     @property
     def output(self) -> str:
@@ -93,21 +100,22 @@ def free_domain() -> tuple[int, socket.socket]:
     """
     Return a ROS domain that nobody uses, and the socket that claims it while it is open.
 
-    DDS listens to the first UDP port of a domain; the claim is on the TCP port of that number,
-    so that two test sessions on one machine keep apart. None is used twice soon, for what was
-    killed lives on in the discovery for a while.
+    DDS listens to some of the domain's UDP ports, those of its first participants among them; the
+    claim is on the TCP port of the first, so that test sessions on one machine keep apart. None
+    is used twice soon, for what was killed lives on in the discovery for a while.
     """
     for domain in (number % 100 + 1 for number in itertools.islice(_numbers, 100)):
         first_port = 7400 + 250 * domain
         claim = socket.socket()
-        with socket.socket(type=socket.SOCK_DGRAM) as heard:
-            try:
-                heard.bind(('', first_port))
-                claim.bind(('', first_port))
-            except OSError:
-                claim.close()
-            else:
-                return domain, claim
+        try:
+            for port in (first_port, *range(first_port + 10, first_port + 20)):
+                with socket.socket(type=socket.SOCK_DGRAM) as heard:
+                    heard.bind(('', port))
+            claim.bind(('', first_port))
+        except OSError:
+            claim.close()
+        else:
+            return domain, claim
     return pytest.fail('all ROS domains from 1 to 100 are in use')
 
 

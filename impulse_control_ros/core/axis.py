@@ -34,7 +34,7 @@ import numpy as np
 
 from impulse_control_ros.core.damping import Damping, damping_at
 from impulse_control_ros.core.kernel import compiled, sign
-from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
 DIVERGED = 1e100
@@ -59,8 +59,10 @@ class Axis(Parameters):
 
     m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
     F_c: float = parameter(1.0, 'N', 'Coulomb friction force', lower=0.0)
-    x_0: float = parameter(0.5, 'm', 'position at the start and after a reset')
-    v_0: float = parameter(0.0, 'm/s', 'velocity at the start and after a reset')
+    x_0: float = parameter(
+        0.5, 'm', 'position at the start and after a reset', lower=-FAR, upper=FAR)
+    v_0: float = parameter(
+        0.0, 'm/s', 'velocity at the start and after a reset', lower=-FAR, upper=FAR)
     time_step: float = parameter(
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
         read_only=True)

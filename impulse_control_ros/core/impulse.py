@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.kernel import compiled, sign
-from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
@@ -97,7 +97,7 @@ class Controller(Parameters):
     alpha_ratio: float = parameter(
         0.6, '', 'alpha / (m abs(v)), the gain of the position-zero impulse (19)', lower=0.5,
         upper=1.0, open_upper=True, reference='(19): 0.5 m abs(v) <= alpha < m abs(v)')
-    x_r: float = parameter(0.0, 'm', 'set-point (4)')
+    x_r: float = parameter(0.0, 'm', 'set-point (4)', lower=-FAR, upper=FAR)
     impulses: bool = parameter(True, '', 'whether impulses act; false leaves the PD loop (4)')
     effort_limit: float = parameter(
         0.0, 'N', 'largest effort, PD and impulse together; 0 for none', lower=0.0)

@@ -12,6 +12,7 @@ import math
 from operator import attrgetter
 from typing import Any, TypeVar
 
+FAR = 1e9  # bound of positions [m] and velocities [m/s]: far below overflow
 TYPES = {float: 'a number', int: 'an integer', bool: 'true or false', str: 'a string',
          tuple: 'a list of strings'}
 

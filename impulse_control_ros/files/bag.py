@@ -6,7 +6,7 @@ log time = publish time = the stamp of the message. A chunk is handed to the ope
 soon as it is full, so a recorder that is killed loses no more than its last chunk.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -23,6 +23,9 @@ ROS_DISTRO = 'jazzy'
 # name of the metadata record of a node's parameters, before the node's; ':STAMP' follows where
 # the node came anew in mid-run
 PARAMETERS = 'parameters:'
+# name of the metadata record with our version, and with the topic of each role
+PACKAGE = 'impulse_control_ros'
+ROLES = ('joint_states', 'impulse_events', 'joint_commands')
 
 
 class _PlainDumper(yaml.SafeDumper):
@@ -51,8 +54,7 @@ class BagWriter:
     """
     A bag under construction; `close` finishes it, once.
 
-    ``write`` and ``add_metadata`` are those of its `McapFile`.
-    Raises `BagError` when the folder exists or cannot be made.
+    All raise `BagError` that names the file, as when the folder exists or the disk is full.
     """
 
     def __init__(self, folder: str | Path, compression: str = 'none') -> None:
@@ -62,7 +64,6 @@ class BagWriter:
         self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
         self._topics: list[Topic] = []
         self._schemas: dict[str, int] = {}
-        self.write, self.add_metadata = self._file.write, self._file.add_metadata
         self._add_bag_metadata()
 
     def add_topic(self, topic: Topic) -> int:
@@ -79,6 +80,16 @@ class BagWriter:
             {'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
              'topic_type_hash': type_hash(topic.type)})
 
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Store a named record of strings."""
+        with naming(self._path):
+            self._file.add_metadata(name, values)
+
+    def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
+        """Append messages, see `McapFile.write`."""
+        with naming(self._path):
+            self._file.write(messages)
+
     @property
     def count(self) -> int:
         """Messages written so far."""
@@ -86,9 +97,10 @@ class BagWriter:
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml."""
-        self._file.end_chunk()
-        self._add_bag_metadata()
-        self._file.close()
+        with naming(self._path):
+            self._file.end_chunk()
+            self._add_bag_metadata()
+            self._file.close()
         (self.folder / 'metadata.yaml').write_text(to_yaml(
             {'rosbag2_bagfile_information': self._information()}))
 

@@ -26,6 +26,7 @@ from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
+SLOWEST = 1e-3  # Hz
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,12 +46,13 @@ class PlantParameters(Axis):
         0.0, '', 'simulated seconds per wall second; 0 for as fast as possible', lower=0.0)
     command_timeout: float = parameter(
         1.0, 's', 'wall time without a command after which the state is published again',
-        lower=0.01)
+        lower=0.01, upper=3600.0)
     clock_rate: float = parameter(
-        100.0, 'Hz', 'messages on /clock per simulated second; 0 for none', lower=0.0)
-    damping_rate: float = parameter(
-        1000.0, 'Hz', 'messages on damping per simulated second, when it varies; 0 for none',
+        100.0, 'Hz', 'messages on /clock per simulated second, one a sample at most; 0 for none',
         lower=0.0)
+    damping_rate: float = parameter(
+        1000.0, 'Hz', 'messages on damping per simulated second, one a sample at most, when it '
+        'varies; 0 for none', lower=0.0)
     step_ticks: int = parameter(
         1, 'samples', 'samples that one call of ~/step makes', lower=1)
     wait_for_recorder: bool = parameter(
@@ -64,6 +66,10 @@ class PlantParameters(Axis):
             raise refusal('duration', self.duration,
                           f'<= {LAST_SECOND:g} - start_time = {LAST_SECOND - self.start_time:g},'
                           ' for stamps to fit 32 bits [s]')
+        for name in ('clock_rate', 'damping_rate'):
+            rate = getattr(self, name)
+            if 0.0 < rate < SLOWEST:
+                raise refusal(name, rate, f'0 or >= {SLOWEST:g} [Hz]')
         if not self.lockstep and self.real_time_factor == 0.0:
             raise refusal('real_time_factor', self.real_time_factor,
                           '> 0 when lockstep is false')

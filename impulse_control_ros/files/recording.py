@@ -10,7 +10,7 @@ import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.bag import PARAMETERS
+from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
 from impulse_control_ros.files.columns import BagError, Column, columns
 
@@ -60,19 +60,22 @@ def read(bag: str | Path) -> Recording:
     restarts: list[tuple[int, str, Mapping[str, Any]]] = []
     receipt: dict[str, str] = {}
     topics: set[str] = set()
+    roles: dict[str, str] = {}
     for item in columns(path):
         if isinstance(item, Column):
             topics.add(item.topic)
-            kind = item.topic.rsplit('/', 1)[-1]
+            kind = roles.get(item.topic, item.topic.rsplit('/', 1)[-1])
             if kind in series:
                 series[kind].add(item, joint_of(parameters))
         elif item.name.startswith(PARAMETERS):
             name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
             values = {key: json.loads(value) for key, value in item.metadata.items()}
-            if stamp:
+            if stamp and name in parameters:  # else one that told them late
                 restarts.append((int(stamp), name, values))
             else:
                 parameters[name] = values
+        elif item.name == PACKAGE:
+            roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
             receipt = item.metadata
     states, commands, impulses = (one.in_order() for one in series.values())

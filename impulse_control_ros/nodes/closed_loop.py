@@ -133,6 +133,6 @@ def main(stop: StopRequest) -> int:
 
     try:
         return run_nodes(stop, 'closed_loop', 'Plant, controller and recorder in one process.',
-                         makers, add_options, loop.run_slice)
+                         makers, 'controller:K:=12.0', add_options, loop.run_slice)
     finally:
         loop.close()

@@ -105,6 +105,7 @@ class Controller(ParameterNode):
         require_agreement(plant, axis, self.parameters.flat())
         self._axis = axis_of(axis)
         self._plant_known = True
+        self.get_logger().info(f'answering {plant}')
         self._warn()
 
     def _meet_plant(self) -> None:
@@ -248,4 +249,4 @@ def main(stop: StopRequest) -> int:
     """Run the node."""
     return run_node(
         stop, 'controller', 'PD and impulses: answers joint_states with joint_commands.',
-        lambda _: [Controller])
+        lambda _: [Controller], 'K:=12.0')

@@ -27,12 +27,20 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
-from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters, Spec
+from impulse_control_ros.core.parameter import (
+    build,
+    declared,
+    ParameterError,
+    Parameters,
+    refusal,
+    Spec,
+)
 from impulse_control_ros.files.experiment import is_foreign, sections
 
 TYPES = {float: Parameter.Type.DOUBLE, int: Parameter.Type.INTEGER, bool: Parameter.Type.BOOL,
          str: Parameter.Type.STRING, tuple: Parameter.Type.STRING_ARRAY}
 PATIENCE = 5.0
+ASK_AGAIN = 1.0  # a response is lost when the server has not yet matched its client
 NODE_OF_RULE = re.compile(r'(\w+):[^:=]+:=')
 
 
@@ -95,13 +103,13 @@ class ParameterNode(Node):
 
     def __init__(self, name: str, kind: type[Parameters], **options: Any) -> None:
         self.taken_directly: Collection[Subscription] = ()
-        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        super().__init__(name, **options)
         self._kind = kind
         try:
             self.parameters = self._declare()
-        except ParameterError:
+        except ParameterError as error:
             self.destroy_node()
-            raise
+            raise ParameterError(f'{name}: {error}') from None
         self.add_on_set_parameters_callback(self._refuse)
         self.add_post_set_parameters_callback(self._apply)
 
@@ -115,10 +123,10 @@ class ParameterNode(Node):
         self.failure, self.finished = reason, True
 
     def _declare(self) -> Any:
-        given = [name for name in self.list_parameters([], 0).names if not is_foreign(name)]
-        values = build(self._kind, {name: self.get_parameter(name).value for name in given})
-        for name in given:
-            self.undeclare_parameter(name)
+        # rclpy declares no override of an empty list, for it has no type
+        given = {name: () if item.value is None else item.value
+                 for name, item in self._parameter_overrides.items() if not is_foreign(name)}
+        values = build(self._kind, given)
         for name, default, spec in declared(self._kind):
             value = values.flat()[name]
             self.declare_parameter(name, list(value) if isinstance(value, tuple) else value,
@@ -127,6 +135,10 @@ class ParameterNode(Node):
 
     def _merged(self, parameters: Iterable[Parameter]) -> Any:
         ours = {item.name: item.value for item in parameters if not is_foreign(item.name)}
+        for name, _, spec in declared(self._kind):
+            if spec.read_only and name in ours:
+                raise refusal(name, ours[name], f'{self.parameters.flat()[name]!r}: read-only, '
+                              'it is set where the node is started')
         return build(self._kind, self.parameters.flat() | ours)
 
     def _refuse(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -168,22 +180,24 @@ class PeerParameters:
         self.silent: list[str] = []
         self._node, self._until = node, 0.0
         self._clients: dict[str, tuple[Client, Client]] = {}
-        self._asked: set[str] = set()
+        self._ask_at: dict[str, float] = {}
 
     def poll(self, peers: Collection[str]) -> bool:
         """Go on asking ``peers``, full names of nodes, '' for one that is not yet known."""
+        now = monotonic()
         if not self._clients:
             if not peers or '' in peers:
                 return False
-            self._until = monotonic() + PATIENCE
+            self._until = now + PATIENCE
             self._clients = {peer: self._client_pair(peer) for peer in peers}
         for peer, (names, values) in self._clients.items():
-            if peer not in self._asked and names.service_is_ready() and values.service_is_ready():
-                self._asked.add(peer)
+            if (peer not in self.values and now >= self._ask_at.get(peer, 0.0)
+                    and names.service_is_ready() and values.service_is_ready()):
+                self._ask_at[peer] = now + ASK_AGAIN
                 names.call_async(ListParameters.Request()).add_done_callback(
                     partial(self._on_names, peer))
         self.silent = [peer for peer in self._clients if peer not in self.values]
-        if self.silent and monotonic() < self._until:
+        if self.silent and now < self._until:
             return False
         for client in chain.from_iterable(self._clients.values()):
             self._node.destroy_client(client)
@@ -196,5 +210,10 @@ class PeerParameters:
     def _on_names(self, peer: str, future: Future) -> None:
         names = list(future.result().result.names)
         self._clients[peer][1].call_async(GetParameters.Request(names=names)).add_done_callback(
-            lambda got: self.values.update({peer: dict(zip(
-                names, map(parameter_value_to_python, got.result().values), strict=True))}))
+            partial(self._on_values, peer, names))
+
+    def _on_values(self, peer: str, names: Sequence[str], future: Future) -> None:
+        values = future.result().values
+        if len(values) == len(names):  # else one has been undeclared meanwhile
+            self.values[peer] = dict(zip(
+                names, map(parameter_value_to_python, values), strict=True))

@@ -244,6 +244,7 @@ class PlantSimulator(ParameterNode):
         self._state = self.parameters.start()
         self._pace.restart(0)
         self._publish_sample(self._reset_layout)
+        self.get_logger().info(f'running from {self.seconds()} s')
         return 0.0
 
     def _ask_again(self, now: float) -> None:
@@ -262,6 +263,9 @@ class PlantSimulator(ParameterNode):
 
     def _end(self) -> None:
         self.finished = True
+        self._say_how_it_went('the run is over')
+
+    def _say_how_it_went(self, what: str) -> None:
         wall = monotonic() - self._began
         simulated = self.tick * self.parameters.time_step
         counts = ', '.join(f'{value} {name}' for name, value in (
@@ -269,7 +273,7 @@ class PlantSimulator(ParameterNode):
             | {'lost': self._lost(), 'missed deadlines': self._pace.missed}
         ).items())
         self.get_logger().info(
-            f'the run is over at {self.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
+            f'{what} at {self.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
             f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
 
     # -- services and reports ---------------------------------------------------------------
@@ -338,6 +342,8 @@ class PlantSimulator(ParameterNode):
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""
+        if not self.finished and self.tick >= 0:
+            self._say_how_it_went('stopped')
         self._states.wait_for_all_acked(Duration(seconds=1))
         self._clock_topic.wait_for_all_acked(Duration(seconds=1))
 
@@ -347,4 +353,4 @@ def main(stop: StopRequest) -> int:
     return run_node(
         stop, 'plant_simulator',
         'The axis in simulated time: joint_states out, joint_commands in.',
-        lambda _: [PlantSimulator])
+        lambda _: [PlantSimulator], 'F_c:=0.5')

@@ -32,7 +32,14 @@ from std_msgs.msg import Header
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.tick import nanoseconds, SECOND
-from impulse_control_ros.files.bag import BagWriter, PARAMETERS, require_writable, Topic
+from impulse_control_ros.files.bag import (
+    BagWriter,
+    PACKAGE,
+    PARAMETERS,
+    require_writable,
+    ROLES,
+    Topic,
+)
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Taken, Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
@@ -71,6 +78,7 @@ class Recorder(ParameterNode):
         self._identity = f'{self.get_fully_qualified_name()} {uuid4().hex[:8]}'
         self._peers: set[tuple[str, bytes]] = set()
         self._asking: PeerParameters | None = None
+        self._silent: set[str] = set()
         self._told: dict[str, dict[str, Any]] = {}
         self.inboxes: dict[Subscription, list[Taken]] = {}
         self.taken_directly = self.inboxes.keys()
@@ -159,7 +167,10 @@ class Recorder(ParameterNode):
             return
         self._asking = None
         for name in asking.silent:
-            self.get_logger().warning(f'{name} does not tell its parameters')
+            if name not in self._silent:
+                self.get_logger().warning(f'{name} does not tell its parameters; asking on')
+        self._silent |= set(asking.silent)
+        self._peers = {peer for peer in self._peers if peer[0] not in asking.silent}
         if not self.bag:
             self._open(asking.values)
             return
@@ -174,7 +185,9 @@ class Recorder(ParameterNode):
         folder = next(name for name in names if not (self._bags and Path(name).exists()))
         self._bags += 1
         self.bag = BagWriter(folder, self.parameters.compression)
-        self.bag.add_metadata('impulse_control_ros', {'version': __version__})
+        self.bag.add_metadata(PACKAGE, {'version': __version__} | {
+            role: subscription.topic_name
+            for role, subscription in zip(ROLES, self.inboxes, strict=False)})
         self._told = parameters | {self.get_fully_qualified_name(): self.parameters.flat()}
         for node, values in self._told.items():
             self._add_parameters(node, values)
@@ -288,4 +301,4 @@ def unused(_: bytes) -> None:
 def main(stop: StopRequest) -> int:
     """Run the node."""
     return run_node(stop, 'recorder', 'Records the run into a rosbag2 folder (MCAP).',
-                    lambda _: [Recorder])
+                    lambda _: [Recorder], 'bag:=NAME')

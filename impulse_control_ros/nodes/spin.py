@@ -83,24 +83,28 @@ def serve_what_waits(executor: Executor) -> None:
 
 
 def main(stop: StopRequest, prog: str, description: str,
-         makers: Callable[[argparse.Namespace], list[Maker]],
+         makers: Callable[[argparse.Namespace], list[Maker]], example: str,
          add_options: Callable[[argparse.ArgumentParser], None] | None = None,
          between: Callable[[], bool] | None = None) -> int:
     """
     Be the whole of an executable; returns the exit status.
 
-    ``makers`` returns from the parsed options what makes the nodes. 0: done; 2: bad arguments or
-    parameters, said in one line; 1: anything else.
+    ``makers`` returns from the parsed options what makes the nodes; ``example`` is a parameter for
+    the help. 0: done; 2: bad arguments or parameters, said in one line; 1: anything else.
     """
     nodes: list[Any] = []
     try:
-        options = parse(prog, description, add_options)
+        options = parse(prog, description, example, add_options)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         for make in makers(options):
             nodes.append(make())
         report_unused_overrides(nodes)
-    except (ParameterError, BagError, _rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
-        return leave(nodes, f'{prog}: {first_line(error)}', 2)
+    except _rclpy.UnknownROSArgsError as error:
+        return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
+    except (ParameterError, BagError, _rclpy.RCLError) as error:
+        # of several nodes one line says which
+        where = '' if str(error).startswith(f'{prog}: ') else f'{prog}: '
+        return leave(nodes, where + first_line(error), 2)
     try:
         spin(nodes, stop, between)
     except (BagError, OSError) as error:
@@ -126,7 +130,7 @@ def report_unused_overrides(nodes: Sequence[Any]) -> None:
         missed = missed_by(keys, names)
         if not missed:
             continue
-        what = (f'{source}: {", ".join(keys)} is not for {", ".join(missed)}; '
+        what = (f'{source}: {", ".join(keys)} is the name of none of {", ".join(missed)}; '
                 'in a file, /**/NAME is a node in any namespace')
         if len(nodes) > 1:
             raise ParameterError(what)
@@ -148,12 +152,13 @@ def first_line(error: BaseException) -> str:
     return ' '.join(str(error).split(', at /')[0].split(', at ./')[0].split())
 
 
-def parse(prog: str, description: str,
+def parse(prog: str, description: str, example: str,
           add_options: Callable[[argparse.ArgumentParser], None] | None) -> argparse.Namespace:
     """Parse what is not for ROS."""
     parser = argparse.ArgumentParser(
         prog=prog, description=description,
-        epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p K:=12.0')
+        epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p '
+        f'{example}; all parameters are in docs/parameters.md')
     if add_options:
         add_options(parser)
     return parser.parse_args(remove_ros_args(sys.argv)[1:])

@@ -56,11 +56,13 @@ def test_a_loop_that_diverges_ends_with_the_reason_and_a_finished_bag(graph):
     assert np.isfinite(run.states['position']).all()
 
 
-def test_an_experiment_runs_in_a_namespace(graph):
+def test_an_experiment_runs_in_a_namespace_and_on_other_topics(graph):
     extra = graph.folder / 'bag.yaml'
-    extra.write_text(f'/**/recorder: {{ros__parameters: {{bag: {graph.folder / "bag"}}}}}\n')
-    process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', '--params-file',
-                          UNDERDAMPED, '--params-file', extra)
+    extra.write_text('/**/recorder:\n  ros__parameters:\n    topics: []\n'
+                     f'    bag: {graph.folder / "bag"}\n')
+    process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', '-r',
+                          'joint_states:=measured', '--params-file', UNDERDAMPED,
+                          '--params-file', extra)
     assert process.wait() == 0, process.output
     run = read(graph.folder / 'bag')
     assert_whole(run)
@@ -72,9 +74,9 @@ def test_parameters_that_miss_the_nodes_are_named(graph):
     plain.write_text(UNDERDAMPED.read_text().replace('/**/', ''))
     process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', config=plain)
     assert process.wait() == 2
-    assert 'is not for /left/plant_simulator' in process.output
+    assert 'is the name of none of /left/plant_simulator' in process.output
     alone = graph.start('controller', '--ros-args', '-r', '__ns:=/left', config=plain)
-    alone.says('is not for /left/controller')
+    alone.says('is the name of none of /left/controller')
     assert alone.interrupt() == 0
 
 

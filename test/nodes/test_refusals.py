@@ -41,7 +41,10 @@ def test_a_wrong_file_is_refused_in_one_line_and_leaves_no_bag(graph, wrong):
     ('plant_simulator', '-p F_c:=-1.0', 'F_c = -1.0'),
     ('plant_simulator', '-p lockstep:=false', 'real_time_factor = 0.0'),
     ('plant_simulator', '-p dampin.kind:=noise', 'damping.kind meant'),
+    ('plant_simulator', '-p clock_rate:=1.0e-300', 'clock_rate = 1e-300'),
+    ('plant_simulator', '-p x_0:=1.0e+100', 'x_0 = 1e+100'),
     ('recorder', '-p topics:=setpoint', "topics = 'setpoint'"),
+    ('controller', '--nonsense', "unknown ROS arguments ['--nonsense']"),
     ('controller', '--params-file nowhere.yaml', 'nowhere.yaml'),
     ('controller', '--log-level nonsense', 'nonsense'),
 ])
