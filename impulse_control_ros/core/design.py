@@ -191,5 +191,5 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
     if gains.position_deadband < floor:
         yield Finding(level=Level.NOTE, text=(
             f'position_deadband = {gains.position_deadband:g} m is below the sampled floor '
-            f'2 F_c dt / (kappa d_bar) = {floor:g} m: there the axis stays, with an impulse at '
-            f'every sample; position_deadband = {floor:g} m ends them'))
+            f'2 F_c dt / (kappa d_bar) = {floor:g} m: there the axis stays, with impulses on and '
+            f'on; a position_deadband above {floor:g} m ends them'))

@@ -8,7 +8,9 @@ from impulse_control_ros.files.experiment import NODES
 HEAD = """# Parameters
 
 Made by `python -m impulse_control_ros.tools.parameter_table`. All can be set while the nodes run
-(`ros2 param set`), except those marked fixed.
+(`ros2 param set`), except those marked fixed. Numbers in parentheses are equations of the paper.
+Values that bind each other: `damping.lower` <= `damping.upper`; plant and controller have the same
+`time_step` and `joint_name`; `lockstep: false` needs a `real_time_factor` above 0.
 """
 
 
@@ -16,7 +18,8 @@ def rows(kind: type[Parameters]) -> list[str]:
     """Return the Markdown table of a node's parameters."""
     lines = ['| parameter | default | unit | allowed | meaning |', '|---|---|---|---|---|']
     for name, default, spec in declared(kind):
-        shown = ', '.join(default) if isinstance(default, tuple) else str(default)
+        shown = (', '.join(default) if isinstance(default, tuple)
+                 else str(default).lower() if isinstance(default, bool) else str(default))
         fixed = ' (fixed)' if spec.read_only else ''
         allowed = spec.allowed(type(default)).replace('|', '\\|')
         lines.append(f'| `{name}` | {shown} | {spec.unit} | {allowed} | '

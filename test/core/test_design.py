@@ -165,7 +165,7 @@ def test_friction_without_impulses_is_a_note_on_the_dead_zone():
 def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
     text, = said(Level.NOTE, Controller(), ROUGH)
     assert text.startswith('position_deadband = 1e-06 m is below the sampled floor')
-    assert 'position_deadband = 0.000133333 m ends them' in text
+    assert 'a position_deadband above 0.000133333 m ends them' in text
     gains = Controller(position_deadband=1.34e-4)
     assert findings(gains, ROUGH) == []
     assert simulate(ROUGH, gains, 6.0).events['tick'][-1] < 5.0 / 1e-4
