@@ -35,6 +35,7 @@ class SimulationControl:
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         plant, samples = self._plant, self._plant.parameters.step_ticks
         response.success = plant.step(samples)
-        response.message = (f'{samples} samples from {plant.seconds()} s' if response.success
+        count = f'{samples} sample{"s" if samples > 1 else ""}'
+        response.message = (f'{count} from {plant.seconds()} s' if response.success
                             else 'refused: pause first')
         return response
