@@ -96,7 +96,12 @@ class Shell:
         package, _, name = kind.split('/')
         message = getattr(import_module(f'{package}.msg'), name)
         publisher = self.client.node.create_publisher(message, topic, 10)
-        self.client.spin_until(publisher.get_subscription_count, f'a subscriber of {topic}')
+        def matched():
+            ends = self.client.node.get_subscriptions_info_by_topic(topic)
+            return 'controller' in [end.node_name for end in ends] and (
+                publisher.get_subscription_count() >= len(ends))
+        # the recorder may be matched before the controller is
+        self.client.spin_until(matched, f'the subscribers of {topic}')
         publisher.publish(message(**yaml.safe_load(content)))
         return topic
 
