@@ -146,11 +146,11 @@ def test_the_composed_run_of_the_readme_is_recorded(shell):
 def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
     nodes = [shell.start(line) for line in ros2('run') if ' closed_loop ' not in line]
     assert len(nodes) == 3
-    nodes[2].says('recording into')
+    nodes[0].says('running from')
     for line in COMMANDS[COMMANDS.index(ros2('param')[0]):]:
         shell.run(line)
     assert 12.0 in shell.outcomes
-    assert shell.client.get('controller', 'x_r') == [0.1]
+    shell.client.spin_until(lambda: shell.client.get('controller', 'x_r') == [0.1], 'x_r')
     for process in nodes:
         assert process.interrupt() == 0, process.output
     run = read(shell.graph.folder / 'axis')
