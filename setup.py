@@ -26,6 +26,8 @@ setup(
                       'pyyaml', 'tqdm'],
     extras_require={
         'ros': ROS,
+        # what benchmarks/peers.py compares with
+        'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
         'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
                  'colcon-common-extensions', 'catkin_pkg', 'setuptools<80'],
