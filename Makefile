@@ -21,6 +21,8 @@ test: $(VENV)/.installed check
 
 bench: $(VENV)/.installed
 	$(RUN)/python benchmarks/lockstep.py
+	$(RUN)/python benchmarks/batch.py
+	$(RUN)/python benchmarks/peers.py
 
 check: $(VENV)/.installed
 	$(RUN)/ruff check .

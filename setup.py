@@ -32,6 +32,8 @@ setup(
         'ros': ROS,
         'analysis': ANALYSIS,
         'dask': DASK,
+        # what benchmarks/peers.py compares with
+        'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
         'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
                  'colcon-common-extensions', 'catkin_pkg', 'setuptools<80', *ANALYSIS, *DASK],

@@ -1,10 +1,14 @@
 """The benchmarks run, and print what they promise."""
 
+from importlib.util import find_spec
 import json
 import subprocess
 import sys
 
 from test.conftest import ROOT
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+import peers  # noqa: E402 (a script beside its own modules)
 
 CASES = {'composed_floor', 'composed', 'composed_recorded', 'two_process_floor', 'two_process',
          'three_process'}
@@ -35,3 +39,42 @@ def test_the_batch_benchmark_measures_every_case():
     assert all(ns > 0 for ns in result['ns'].values())
     assert [(line['runs'], line['steps']) for line in result['growth']] == [
         (1, 10_000), (10, 10_000), (100, 1_000), (100, 10_000)]
+
+
+ERRORS = {'ours_simulate': 3e-4, 'python_loop': 3e-4, 'numpy_batch': 3e-4, 'ours_batch': 3e-4,
+          'scipy_events': 1e-8}  # [m]
+
+
+def test_the_peers_that_are_there_are_as_accurate_as_claimed():
+    said = subprocess.run(
+        [sys.executable, ROOT / 'benchmarks' / 'peers.py', '--json', '--rounds', '1',
+         '--seconds', '0.3', '--only', *peers.EXACT, *ERRORS],
+        check=True, capture_output=True, text=True).stdout
+    result = json.loads(said)
+    assert set(result['cases']) == {'fig2', 'fig5'}
+    for rows in result['cases'].values():
+        assert set(rows) == {*peers.EXACT, *ERRORS}
+        if not find_spec('scipy'):
+            assert rows.pop('scipy_events')['failure'].startswith('not installed: scipy')
+        for name, row in rows.items():
+            assert 'failure' not in row, row
+            assert row['wall'] > 0
+            assert row['lines'] > 0
+            assert row['ratios']
+            assert row['error'] is None if name in peers.EXACT else row['error'] < ERRORS[name]
+
+
+def test_a_missing_peer_is_a_row_that_says_so(monkeypatch):
+    monkeypatch.setattr(peers, 'versions', lambda source: {'drake': None})
+    row = peers.Contestant('drake', 'fig2', 1.0).finish()
+    assert row['failure'] == "not installed: drake (pip install '.[bench]')"
+
+
+def test_a_failing_peer_is_a_row_that_says_why():
+    row = peers.Contestant('python_loop', 'fig2', -1.0).finish()
+    assert row['failure'].startswith('failed: ')
+
+
+def test_only_lines_of_code_count():
+    source = ['"""Two', '"""', '', '# why', 'x = (1,', '     2)  # three', 'y = """a', 'b"""']
+    assert peers.code_lines('\n'.join(source)) == 4
