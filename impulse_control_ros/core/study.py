@@ -40,7 +40,7 @@ from impulse_control_ros.core.simulate import steps_of
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
 MOST_ROWS = 16_384  # of a chunk, for its memory
 CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
-MOST_RUNS = 10**9
+MOST_RUNS = MOST_STEPS = 10**9
 MEASURES = {  # figures of merit in the order of their columns: unit, name
     'overshoot': ('m', 'overshoot'),
     'iae': ('m s', 'IAE'),
@@ -92,7 +92,9 @@ class Study:
         if self.rows > MOST_RUNS:
             raise refusal('runs', self.rows, f'<= {MOST_RUNS} at all points together')
         _require_bounds({name: self._values(name) for name in self.vary}, self.axis)
-        assert self.steps
+        if self.steps > MOST_STEPS:
+            raise refusal('duration', self.extent.duration,
+                          f'<= {MOST_STEPS:g} steps of {self.axis.time_step:g} s')
 
     def _require_laws(self) -> None:
         """Refuse a parameter that is none, has a law of another type or is there twice."""
@@ -176,12 +178,25 @@ def varied(study: Study, rows: range) -> dict[str, np.ndarray]:
             place = places[list(study.axes).index(name)]
             result[name] = np.asarray(study.axes[name])[place]
         else:
-            first = int(repeat.min())
-            drawn = law.draws(study.extent.seed, full_name(name), first,
-                              int(repeat.max()) + 1 - first)
-            kind = type(found(name)[2])
-            result[name] = np.asarray([kind(value) for value in drawn])[repeat - first]
+            result[name] = drawn(study, name, repeat)
     return result
+
+
+def drawn(study: Study, name: str, repeat: np.ndarray) -> np.ndarray:
+    """Return the draws of a parameter by their number ``repeat``, and few others are made."""
+    law, kind = study.vary[name], type(found(name)[2])
+    all_points = study.extent.runs <= len(repeat)
+    stretches = [(0, study.extent.runs)] if all_points else pieces(repeat)
+    values = np.asarray([kind(value) for stretch in stretches for value in
+                         law.draws(study.extent.seed, full_name(name), *stretch)])
+    return values[repeat] if all_points else values
+
+
+def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
+    """Return (first, count) of each stretch in which repeats follow one another."""
+    starts = np.flatnonzero(np.diff(repeat, prepend=-2) != 1)
+    return [(int(repeat[start]), int(end - start))
+            for start, end in zip(starts, [*starts[1:], len(repeat)], strict=True)]
 
 
 def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:

@@ -134,7 +134,17 @@ def axis_of(values: Mapping[str, Any]) -> Axis | None:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-4 is a number, which YAML 1.1 calls a string."""
+    """YAML as ROS reads it: 1e-4 is a number, which YAML 1.1 calls a string. A key stands once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping, or raise `YAMLError` for a key that stands twice."""
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.YAMLError(
+                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}')
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver(

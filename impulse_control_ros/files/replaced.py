@@ -6,12 +6,23 @@ import os
 from pathlib import Path
 
 
+def flush(path: Path) -> None:
+    """Bring a file or the names in a folder to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
     """Yield a name beside ``path`` to write to, which becomes ``path`` at the end."""
     made = path.with_name(f'.{path.name}.new')
     try:
         yield made
+        flush(made)
         os.replace(made, path)
+        flush(path.parent)
     finally:
         made.unlink(missing_ok=True)

@@ -63,17 +63,22 @@ class SweepFolder:
     @contextmanager
     def held(self) -> Iterator[None]:
         """Keep other sweeps out; a folder in which nothing came to be is removed."""
-        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ParameterError(f'--out {self.path}: {error.strerror}') from None
         handle = os.open(self.path, os.O_RDONLY)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
         except BlockingIOError:
-            raise SweepError(f'another sweep is working in {self.path}') from None
-        finally:
             os.close(handle)
+            raise SweepError(f'another sweep is working in {self.path}') from None
+        try:
+            yield
+        finally:
             if not any(self.path.iterdir()):
                 self.path.rmdir()
+            os.close(handle)
 
     def finished(self) -> set[int]:
         """Return the numbers of the chunks that are there; refuse parts of another study."""
@@ -116,9 +121,13 @@ class SweepFolder:
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def column(self, name: str) -> np.ndarray:
-        """Return a column of the result."""
-        return np.asarray(pq.read_table(
-            self.result, columns=[name], use_threads=False, pre_buffer=False)[name])
+        """Return a column of the result; raises `SweepError` where it is damaged."""
+        try:
+            return np.asarray(pq.read_table(
+                self.result, columns=[name], use_threads=False, pre_buffer=False,
+                page_checksum_verification=True)[name])
+        except UNREADABLE as error:
+            raise SweepError(f'{self.result}: {" ".join(str(error).split())}') from None
 
     def _part(self, number: int) -> Path:
         return self._parts / f'part_{number:07}.parquet'

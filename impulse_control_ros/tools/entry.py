@@ -6,13 +6,14 @@ from impulse_control_ros.stop import StopRequest
 
 
 def sweep() -> int:
-    """Run a study."""
-    stop = StopRequest()
+    """Run a study; it may be left at any moment, and at the second Ctrl-C is."""
+    stop = StopRequest(patience=1)
     status = int(import_module('impulse_control_ros.tools.sweep').main(stop))
     stop.ignore()
     return status
 
 
 def paper_figures() -> int:
-    """Draw the paper's figures; it ends at once at Ctrl-C, for what it writes is whole."""
+    """Draw the paper's figures; it may be left at any moment."""
+    StopRequest(patience=0)
     return int(import_module('impulse_control_ros.tools.paper.command').main())

@@ -47,7 +47,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     try:
         from impulse_control_ros.core.parameter import ParameterError
         from impulse_control_ros.files.sweep_folder import SweepError
-        import impulse_control_ros.tools.sweep_pictures  # noqa: F401 (it may be missing a package)
+        import impulse_control_ros.tools.sweep_pictures
+        import impulse_control_ros.tools.sweep_workers  # noqa: F401 (a package may be missing)
     except ModuleNotFoundError as error:
         missing = str(error.name).split('.')[0]
         return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
@@ -125,5 +126,5 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
 def speed(study: 'Study', runs: int, wall: float, cores: int) -> str:
     """Say how fast ``runs`` were done in ``wall`` seconds."""
     per_step = wall * cores / (runs * study.steps) * 1e9
-    return (f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns per '
-            f'run-step and core on {cores} cores\n')
+    return (f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns of wall '
+            f'time per run-step and core on {cores} cores\n')

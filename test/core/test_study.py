@@ -10,7 +10,7 @@ from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.batch import simulate_batch
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.law import law_of
+from impulse_control_ros.core.law import Law, law_of
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.study import described, Extent, run_chunk, Study, units, varied
 
@@ -44,6 +44,21 @@ def test_a_row_depends_on_its_number_alone():
         part = varied(made, rows)
         for name, values in part.items():
             assert values.tobytes() == everything[name][rows.start:rows.stop].tobytes()
+
+
+def test_a_chunk_draws_no_more_than_it_needs(monkeypatch):
+    made = study(runs=10_000)
+    counts, draws = [], Law.draws
+
+    def counted(law, seed, name, first, count):
+        counts.append(count)
+        return draws(law, seed, name, first, count)
+    monkeypatch.setattr(Law, 'draws', counted)
+    for rows in (range(9_990, 10_020), range(0, 40), range(19_999, 20_003)):
+        counts.clear()
+        varied(made, rows)
+        laws = [law for law in made.vary.values() if not law.is_axis]
+        assert sum(counts) == len(laws) * len(rows)
 
 
 def test_the_size_of_a_chunk_leaves_every_bit(monkeypatch):
@@ -144,6 +159,7 @@ def test_what_a_run_would_refuse_is_refused_before_any(vary, said):
     ({'tolerances': ()}, 'tolerances = [] is refused'),
     ({'duration': 1e-5}, 'duration = 1e-05 is refused: allowed is > 0.0001 [s]'),
     ({'runs': 0}, 'runs = 0 is refused'),
+    ({'duration': 1e6}, 'duration = 1000000.0 is refused: allowed is <= 1e+09 steps of 0.0001 s'),
 ])
 def test_a_study_that_says_nothing_is_refused(values, said):
     with pytest.raises(ParameterError) as refused:

@@ -35,6 +35,7 @@ def test_plant_and_controller_agree_in_every_experiment():
     ('controller:\n  K: 1.0\n', 'controller has no ros__parameters'),
     ('controller: [\n', 'expected'),
     ('plant_simulator:\n  ros__parameters:\n    damping: {kind: wavy}\n', "kind = 'wavy'"),
+    ('controller:\n  ros__parameters: {K: 1.0, K: 2.0}\n', 'K stands twice, again on line 2'),
     ('- K\n', 'is refused: allowed is plant_simulator'),
 ])
 def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):

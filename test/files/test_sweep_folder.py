@@ -116,6 +116,14 @@ def test_one_sweep_at_a_time_works_in_a_folder(folder):
         pass
 
 
+def test_a_sweep_that_is_kept_out_leaves_the_folder_of_the_first(tmp_path):
+    first, second = (SweepFolder(tmp_path / 'out', '{}', UNITS) for _ in '12')
+    with first.held():
+        with pytest.raises(SweepError, match='another sweep is working in '), second.held():
+            pass
+        assert first.path.is_dir()
+
+
 def test_a_folder_in_which_nothing_came_to_be_is_removed(tmp_path):
     folder = SweepFolder(tmp_path / 'out', '{}', UNITS)
     with folder.held():

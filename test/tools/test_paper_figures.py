@@ -190,12 +190,13 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, capsys):
 def test_ctrl_c_is_answered_in_one_line(tmp_path):
     code = """
 import signal, sys
-from impulse_control_ros.tools.paper import command, runs
+from impulse_control_ros.tools.entry import paper_figures
+from impulse_control_ros.tools.paper import runs
 runs.paper_runs = lambda: signal.raise_signal(signal.SIGINT)
-sys.exit(command.main())
+sys.exit(paper_figures())
 """
     said = subprocess.run([sys.executable, '-c', code, '--out', str(tmp_path)], check=False,
                           capture_output=True, text=True)
     assert (said.returncode, said.stdout) == (1, '')
-    assert said.stderr == 'paper_figures: interrupted\n'
+    assert said.stderr == 'interrupted\n'
     assert list(tmp_path.iterdir()) == []

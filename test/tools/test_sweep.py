@@ -1,5 +1,6 @@
 """The sweep as a process: interrupted, killed, continued and distributed, to the same bytes."""
 
+import signal
 import sys
 
 import pyarrow.parquet as pq
@@ -102,6 +103,17 @@ def test_a_sweep_that_is_killed_and_interrupted_repeats_no_chunk_and_ends_the_sa
     assert (out / 'runs.parquet').read_bytes() == undisturbed[0]
     assert sorted(path.name for path in out.iterdir()) == [
         'figures.pdf', 'figures.png', 'runs.parquet']
+
+
+def test_a_second_ctrl_c_ends_a_sweep_whose_chunks_are_long(desk):
+    path = desk.folder / 'long.yaml'
+    path.write_text('experiment: coulomb\nduration: 90000\nvary: {F_c: {grid: [0.5, 1, 3]}}\n')
+    process = desk.sweep(path)
+    process.says('1 chunks')
+    process.send(signal.SIGINT)
+    process.send(signal.SIGTERM)
+    assert process.wait() == 1
+    assert process.output.splitlines()[-1] == 'interrupted'
 
 
 def start_cluster(desk, workers):

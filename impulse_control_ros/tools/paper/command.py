@@ -1,8 +1,7 @@
 """
 ``paper_figures``: Figs. 1 to 5 of the paper and its claims, from our own runs.
 
-What takes time to import is imported on use, so that Ctrl-C is answered in one line from early
-on. A file is written in one go: what is there is whole.
+What takes time to import is imported on use, so that --help answers at once.
 """
 
 from __future__ import annotations
@@ -11,11 +10,11 @@ import argparse
 from collections.abc import Sequence
 from importlib.util import find_spec
 from io import BytesIO
-import os
 from pathlib import Path
-import signal
 import sys
 from typing import Any, TYPE_CHECKING
+
+from impulse_control_ros.files.replaced import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +78,8 @@ def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
         for figure in DRAWN:
             drawn = draw(figure, runs, caption(figure, claims))
             for suffix in FORMATS:
-                (folder / f'fig{figure}.{suffix}').write_bytes(saved(drawn, suffix, PRINT_DPI))
+                with replaced(folder / f'fig{figure}.{suffix}') as path:
+                    path.write_bytes(saved(drawn, suffix, PRINT_DPI))
 
 
 def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
@@ -89,10 +89,12 @@ def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     from impulse_control_ros.tools.paper.document import renewed
     from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
     page = folder / 'paper.md'
-    page.write_text(renewed(page.read_text(), claims))
+    with replaced(page) as path:
+        path.write_text(renewed(page.read_text(), claims))
     with rc_context(STYLE):
         for figure in DRAWN:
-            (folder / f'fig{figure}.png').write_bytes(saved(draw(figure, runs), 'png', DOCS_DPI))
+            with replaced(folder / f'fig{figure}.png') as path:
+                path.write_bytes(saved(draw(figure, runs), 'png', DOCS_DPI))
 
 
 def run(arguments: Sequence[str]) -> None:
@@ -112,14 +114,8 @@ def run(arguments: Sequence[str]) -> None:
     try:
         (write_docs if options.docs else write_figures)(folder, runs, claims)
     except OSError as error:
-        raise UsageError(f'{error.filename}: {error.strerror}') from None
+        raise UsageError(f'{error.filename2 or error.filename}: {error.strerror}') from None
     print(f'\nFigures 1 to 5 are in {folder}')
-
-
-def interrupted(*_: Any) -> None:
-    """End at once: an exception might be raised, and lost, in a callback of the interpreter."""
-    os.write(sys.stderr.fileno(), f'{NAME}: interrupted\n'.encode())
-    os._exit(1)
 
 
 def status(arguments: Sequence[str]) -> int:
@@ -134,5 +130,4 @@ def status(arguments: Sequence[str]) -> int:
 
 def main() -> int:
     """Run the command line; returns the exit status."""
-    signal.signal(signal.SIGINT, interrupted)
     return status(sys.argv[1:])
