@@ -40,6 +40,7 @@ from impulse_control_ros.core.impulse import (
 )
 from impulse_control_ros.core.kernel import sign
 from impulse_control_ros.core.parameter import refusal
+from impulse_control_ros.core.sampling import evaluate, sample
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
 ARC = np.dtype([('time', 'f8'), ('error', 'f8'), ('velocity', 'f8'), ('before', 'f8'),
@@ -68,6 +69,7 @@ class End(Enum):
 
 ENDS = tuple(End)
 DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, DIVERGES, FLOWS = range(len(ENDS) + 1)
+ROUNDED = 1.0 + 1e-12  # a number of samples times their length may exceed the duration so far
 BEYOND = 1e100  # far above any motion, far below overflow
 
 
@@ -178,24 +180,6 @@ def events_of(arcs, x_r):
     return events[:count]
 
 
-@numba.njit(cache=True)
-def evaluate(arcs, axis, gains, times, errors, velocities):
-    """Fill ``errors`` and ``velocities`` at ``times``, all (n,): after the jumps of a time."""
-    stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
-    at = 0
-    for i in range(len(times)):
-        if times[i] < arcs[at].time:
-            at = np.searchsorted(arcs['time'], times[i], 'right') - 1
-        while at + 1 < len(arcs) and arcs[at + 1].time <= times[i]:
-            at += 1
-        arc = arcs[at]
-        errors[i], velocities[i] = arc.error, arc.velocity
-        if arc.direction != 0.0:
-            rate = (arc.damping + gains.D) / (2.0 * axis.m)
-            errors[i], velocities[i] = flow(arc.error, arc.velocity, arc.direction, rate,
-                                            stiffness, friction, times[i] - arc.time)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Solution:
     """
@@ -215,21 +199,41 @@ class Solution:
     axis: np.ndarray
     gains: np.ndarray
 
+    @property
+    def last(self) -> float:
+        """Return the last time [s] that is known; an axis at rest stays there for ever."""
+        return math.inf if self.end in (End.ORIGIN, End.STICKS) else self.end_time
+
     def at(self, time: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """
         Return position [m] and velocity [m/s] at ``time`` [s], in its shape.
 
-        At the time of a jump it is the state after it. An axis at rest stays there for ever.
+        At the time of a jump it is the state after it.
         Raises `ParameterError` for a time before 0 or after the end.
         """
         times = np.asarray(time, float)
-        last = math.inf if self.end in (End.ORIGIN, End.STICKS) else self.end_time
-        wrong = times[~((times >= 0.0) & (times <= last))]
+        wrong = times[~((times >= 0.0) & (times <= self.last))]
         if wrong.size:
-            raise refusal('time', float(wrong[0]), f'[0, {last:g}] [s]')
+            raise refusal('time', float(wrong[0]), f'[0, {self.last:g}] [s]')
         errors, velocities = np.empty(times.size), np.empty(times.size)
         evaluate(self.arcs, self.axis[0], self.gains[0], times.ravel(), errors, velocities)
         return self.x_r + errors.reshape(times.shape), velocities.reshape(times.shape)
+
+    def sampled(self, time_step: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return time [s], position [m] and velocity [m/s], all (steps + 1,), as `at` does.
+
+        Many times faster than `at`. Raises `ParameterError` when the last time is after the end.
+        """
+        if not time_step > 0.0:
+            raise refusal('time_step', time_step, '> 0 [s]')
+        if not 0 <= steps * time_step <= self.last * ROUNDED:
+            raise refusal('steps', steps, f'[0, {self.last / time_step:g}] [samples]')
+        times = np.arange(steps + 1) * time_step
+        positions, velocities = np.empty(steps + 1), np.empty(steps + 1)
+        sample(self.arcs, self.axis[0], self.gains[0], time_step, positions, velocities)
+        positions += self.x_r
+        return times, positions, velocities
 
 
 def solve(

@@ -304,6 +304,31 @@ def test_an_evaluation_is_right_continuous_whatever_the_order_and_shape_of_the_t
     assert np.shape(solution.at(0.5)[0]) == ()
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.1, 1.0), st.floats(0.1, 1.4), st.sampled_from([0.0, 1.0]),
+       st.sampled_from([1e-5, 1e-4, 3.3e-3]), st.sampled_from(Reading))
+def test_on_a_sampling_grid_it_is_the_same_to_the_last_bits(x_0, d, F_c, time_step, reading):
+    solution = solve(Axis(x_0=x_0, F_c=F_c), Controller(x_r=0.05), 1.0, reading=reading,
+                     breaks=[0.1, 0.3], dampings=[d, 1.5, 0.15])
+    steps = round(0.9 / time_step)
+    times, positions, velocities = solution.sampled(time_step, steps)
+    x, v = solution.at(times)
+    assert times.tolist() == [k * time_step for k in range(steps + 1)]
+    assert np.abs(positions - x).max() < 2e-15
+    assert np.abs(velocities - v).max() < 2e-14
+
+
+def test_a_sampling_grid_ends_where_the_solution_does():
+    solution = one_jump(FIG_2, Controller(), 0.3)
+    assert len(solution.sampled(1e-4, 3000)[0]) == 3001  # 3000 * 1e-4 > 0.3
+    with pytest.raises(ParameterError, match=r'steps = 3001 is refused: allowed is \[0, 3000\]'):
+        solution.sampled(1e-4, 3001)
+    with pytest.raises(ParameterError, match='time_step = 0.0'):
+        solution.sampled(0.0, 1)
+    resting = solve(FIG_2, Controller(), 0.3)
+    assert resting.sampled(1e-2, 1000)[1][-1] == 0.0
+
+
 def test_half_the_alpha_of_a_reversal_stops_in_the_origin_in_either_reading():
     for reading in Reading:
         solution = solve(FIG_2, Controller(alpha_ratio=0.5), 1.0, reading=reading)
