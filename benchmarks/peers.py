@@ -177,12 +177,19 @@ def processor() -> str:
 
 
 def verdicts(rows: dict[str, dict]) -> dict[str, float]:
-    """Return how many times longer the fastest peer of each kind takes than ours."""
+    """
+    Return how many times longer the fastest peer of each kind takes than ours.
+
+    Like with like: the same reading, and no larger error of ours.
+    """
     found = {}
     for kind in ('interpreted', 'compiled', 'batch'):
         for ours in BATCH if kind == 'batch' else SINGLE:
+            own = rows.get(ours, {})
             ratios = {name: row['ratios'][ours] for name, row in rows.items()
-                      if row.get('kind') == kind and name not in BATCH and ours in row['ratios']}
+                      if row.get('kind') == kind and name not in BATCH and ours in row['ratios']
+                      and row['reading'] == own['reading']
+                      and (own['error'] or 0.0) <= 1.001 * row['error']}
             if ratios:
                 name = min(ratios, key=ratios.get)
                 found[f'{name} / {ours}'] = ratios[name]

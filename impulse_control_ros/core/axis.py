@@ -74,8 +74,11 @@ class Axis(Parameters):
 
     def packed(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""
-        axis = np.array([(self.m, self.F_c, self.time_step)], AXIS)
-        return axis, self.damping.packed(self.time_step)
+        return self.packed_axis(), self.damping.packed(self.time_step)
+
+    def packed_axis(self) -> np.ndarray:
+        """Return the kernels' view without the damping: shape (1,), dtype AXIS."""
+        return np.array([(self.m, self.F_c, self.time_step)], AXIS)
 
     def start(self) -> np.ndarray:
         """Return the state at tick 0, shape (1,), dtype STATE; nothing has acted on it yet."""

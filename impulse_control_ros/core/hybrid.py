@@ -229,9 +229,8 @@ class Solution:
             raise refusal('time_step', time_step, '> 0 [s]')
         if not 0 <= steps * time_step <= self.last * ROUNDED:
             raise refusal('steps', steps, f'[0, {self.last / time_step:g}] [samples]')
-        times = np.arange(steps + 1) * time_step
-        positions, velocities = np.empty(steps + 1), np.empty(steps + 1)
-        sample(self.arcs, self.axis[0], self.gains[0], time_step, positions, velocities)
+        times, positions, velocities = (np.empty(steps + 1) for _ in range(3))
+        sample(self.arcs, self.axis[0], self.gains[0], time_step, times, positions, velocities)
         positions += self.x_r
         return times, positions, velocities
 
@@ -256,8 +255,9 @@ def solve(
         raise refusal('damping.kind', axis.damping.kind, 'constant, or pieces given by dampings')
     times = np.array(breaks, float)
     values = np.array([axis.damping.value] if dampings is None else dampings, float)
-    check_pieces(times, values)
-    plant, gains = axis.packed()[0], controller.packed()
+    if dampings is not None or times.size:
+        check_pieces(times, values)
+    plant, gains = axis.packed_axis(), controller.packed()
     gains['x_r'] = 0.0  # the solution is in e
     arcs, end, end_time = trace(
         plant[0], gains[0], reading is Reading.STRICT, axis.x_0 - controller.x_r, axis.v_0,

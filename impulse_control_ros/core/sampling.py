@@ -37,17 +37,17 @@ def evaluate(arcs, axis, gains, times, errors, velocities):
 
 
 @numba.njit(cache=True)
-def sample(arcs, axis, gains, time_step, errors, velocities):
-    """Fill ``errors`` and ``velocities``, both (n,), at k ``time_step``: after the jumps."""
+def sample(arcs, axis, gains, time_step, times, errors, velocities):
+    """Fill ``times`` k ``time_step``, ``errors`` and ``velocities``, all (n,): after the jumps."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
+    for k in range(len(times)):
+        times[k] = k * time_step
     k, damping = 0, 0.0  # no damping is zero (1)
     for j in range(len(arcs)):
         arc, until = arcs[j], arcs[j + 1].time if j + 1 < len(arcs) else np.inf
-        if arc.direction == 0.0:
-            while k < len(errors) and k * time_step < until:
-                errors[k], velocities[k] = arc.error, arc.velocity
-                k += 1
-            continue
+        if arc.direction == 0.0:  # the last arc: the axis rests, or the duration is over
+            errors[k:], velocities[k:] = arc.error, arc.velocity
+            return
         if arc.damping != damping:
             damping = arc.damping
             rate = (damping + gains.D) / (2.0 * axis.m)
@@ -55,13 +55,13 @@ def sample(arcs, axis, gains, time_step, errors, velocities):
             spring, pull = stiffness * integral, stiffness * h
             brake = spring + 2.0 * rate * h
         push = friction * arc.direction
-        while k < len(errors) and k * time_step < until:
+        while k < len(times) and times[k] < until:
             e, v = flow(arc.error, arc.velocity, arc.direction, rate, stiffness, friction,
-                        k * time_step - arc.time)
+                        times[k] - arc.time)
             errors[k], velocities[k] = e, v
             k += 1
-            anchor = min(k + ANCHOR - 1, len(errors))
-            while k < anchor and k * time_step < until:
+            anchor = min(k + ANCHOR - 1, len(times))
+            while k < anchor and times[k] < until:
                 e, v = (e - (spring * e - (h * v - push * integral)),
                         v - (brake * v + (pull * e + push * h)))
                 errors[k], velocities[k] = e, v
