@@ -111,7 +111,7 @@ class Controller(ParameterNode):
     def _meet_plant(self) -> None:
         """Ask the plant for its parameters; then answer the state that was held meanwhile."""
         self._plant = self._plant or PeerParameters(self)
-        if not self._plant.poll(publishers(self, JOINT_STATES)):
+        if not self._plant.poll(publishers(self, JOINT_STATES).values()):
             return
         try:
             for plant, axis in self._plant.values.items():

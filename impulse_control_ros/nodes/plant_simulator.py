@@ -23,7 +23,7 @@ from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MARK
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.graph import publisher_ids
+from impulse_control_ros.nodes.graph import publishers
 from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -82,9 +82,9 @@ class PlantSimulator(ParameterNode):
         self._create_endpoints()
 
     def _create_endpoints(self) -> None:
-        others = publisher_ids(self, JOINT_STATES)
+        others = publishers(self, JOINT_STATES).keys()
         self._states = self.create_publisher(JointState, JOINT_STATES, SERIES_QOS)
-        own = publisher_ids(self, JOINT_STATES) - others
+        own = publishers(self, JOINT_STATES).keys() - others
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_message = self._states.handle.publish_raw
         self._clock_topic = self.create_publisher(Clock, CLOCK, SERIES_QOS)

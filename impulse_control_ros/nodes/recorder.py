@@ -43,7 +43,7 @@ from impulse_control_ros.files.bag import (
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Taken, Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.graph import full_name, plants
+from impulse_control_ros.nodes.graph import plants, publishers
 from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import (
@@ -85,9 +85,8 @@ class Recorder(ParameterNode):
         self._kinds: dict[Subscription, str] = {}
         self._channels: list[int] = []
         # Events before commands: a peer that has matched our commands has matched our events.
-        for topic, qos in ((IMPULSE_EVENTS, SERIES_QOS), (JOINT_COMMANDS, SERIES_QOS),
-                           (JOINT_STATES, SERIES_QOS)):
-            self._subscribe(topic, 'sensor_msgs/msg/JointState', JointState, qos)
+        for topic in (IMPULSE_EVENTS, JOINT_COMMANDS, JOINT_STATES):
+            self._subscribe(topic, 'sensor_msgs/msg/JointState', JointState, SERIES_QOS)
         events, commands, states = self.inboxes
         for subscription in (events, commands):
             self.inboxes[subscription] = self.inboxes.pop(subscription)
@@ -149,10 +148,10 @@ class Recorder(ParameterNode):
         """Return (node, endpoint) of what publishes states and commands; none when not both."""
         peers = set()
         for subscription in self._series:
-            ends = self.get_publishers_info_by_topic(subscription.topic_name)
-            if not (subscription.get_publisher_count() and ends and all(map(full_name, ends))):
+            ends = publishers(self, subscription.topic_name)
+            if not (subscription.get_publisher_count() and ends and all(ends.values())):
                 return set()
-            peers |= {(full_name(end), bytes(end.endpoint_gid)) for end in ends}
+            peers |= {(name, number) for number, name in ends.items()}
         return peers
 
     # -- the bag ----------------------------------------------------------------------------

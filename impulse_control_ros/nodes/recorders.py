@@ -53,7 +53,7 @@ class Recorders:
 
     def forget_lost(self) -> None:
         """Drop those that have left the graph; of one name those that were silent longest."""
-        alive = publishers(self._node, RECORDER_PROGRESS)
+        alive = publishers(self._node, RECORDER_PROGRESS).values()
         if '' in alive:
             return
         left = Counter(map(name_of, self._reached))
