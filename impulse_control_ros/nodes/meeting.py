@@ -28,7 +28,6 @@ class Meeting:
         self._recorders = recorders
         self._incomplete_at = self._quiet_since = monotonic()
         self._report_at, self._missing_before = self._incomplete_at + FIRST_REPORT, 0
-        self._heard = False
 
     def complete(self, now: float, recorder_wanted: bool) -> bool:
         """Tell whether all have been there for a while; say now and then who is not."""
@@ -59,12 +58,10 @@ class Meeting:
         return missing
 
     def _another_plant(self, now: float) -> bool:
-        if self._heard:
-            self._heard, self._quiet_since = False, now
         others = plants(self._node) - self._own
         first = now > self._quiet_since + LEASE and min(self._own) < min(others, default=b'')
         return now < self._quiet_since + SETTLE or (bool(others) and not first)
 
     def hear(self) -> None:
         """Take note of a command before there is a state of ours: it is for another plant."""
-        self._heard = True
+        self._quiet_since = monotonic()
