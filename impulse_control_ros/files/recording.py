@@ -103,8 +103,9 @@ class Series:
     def add(self, column: Column, joint: str) -> None:
         """Take the messages of ``joint`` whose place is that of their stamp."""
         rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
+        layouts = self._layouts(joint)
         for which, content in column.same_size():
-            for number, layout in enumerate(self._layouts(joint)):
+            for number, layout in enumerate(layouts):
                 good, sec, nanosec, *values = layout.decode_rows(content)
                 at = which[good]
                 known[at] = True
