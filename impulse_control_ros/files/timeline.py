@@ -3,10 +3,13 @@ Put the raw messages of several topics into the order of time, and look for gaps
 
 Topics are numbered: STATES, EVENTS, COMMANDS, then whatever else is recorded. The series are the
 states and the commands of one run: one message per sample each. Their messages and the impulse
-events carry their stamp at the front of their CDR; whatever else gets the stamp of the state
-that was published last before it, by the writers' clocks. A message of the series with the same
-bytes as the one before it is a repeat and dropped. A message that comes too late for its place,
-or whose stamp is more than a second ahead of the states, takes the nearest place that is left.
+events carry their stamp at the front of their CDR; whatever else gets its stamp by the writers'
+clocks: that of the state that was published last before it or, where it is the controller's own
+word of its parameters, that of the first command after it. So a change of parameters stands at
+the state with which it first acts: the controller answers this state, and the plant steps on from
+it, with the new ones. A message of the series with the same bytes as the one before it is a
+repeat and dropped. A message that comes too late for its place, or whose stamp is more than a
+second ahead of the states, takes the nearest place that is left.
 
 Another run begins with a state that is marked as a start and does not follow the one before, or
 that goes back in time and is borne out: by the state one step after it, or by coming again. A
@@ -28,6 +31,7 @@ Entry = tuple[int, int, bytes]
 Taken = tuple[bytes, Mapping[str, int]]  # as rclpy's take_message returns it
 KEPT = 100_000
 _STAMP = struct.Struct('<4sII')
+_NODE_AT = 12  # of rcl_interfaces/ParameterEvent: its second field, after a stamp
 _MARK = string(RESET_MARK)
 _MARK_AT = slice(_STAMP.size, _STAMP.size + len(_MARK))
 
@@ -41,30 +45,58 @@ class Verdict(Enum):
     OPEN = auto()
 
 
+class Published:
+    """The stamps [ns] of a topic, by the time [ns] at which each was published."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._stamps: list[int] = []
+
+    def add(self, time: int, stamp: int) -> None:
+        """Append one that was published after all others."""
+        self._times.append(time)
+        self._stamps.append(stamp)
+
+    def around(self, time: int) -> tuple[int, int]:
+        """Return the last stamp up to ``time`` and the first after it; 0 where there is none."""
+        at = bisect(self._times, time)
+        return (self._stamps[at - 1] if at else 0,
+                self._stamps[at] if at < len(self._stamps) else 0)
+
+    def forget(self) -> None:
+        """Keep the last of many."""
+        if len(self._times) > 2 * KEPT:
+            del self._times[:-KEPT], self._stamps[:-KEPT]
+
+
 class Timeline:
     """
     The order of one run of ``joint``, '' for any; ``step_ns`` is its sampling period.
 
-    ``alone`` tells whether no second plant publishes states.
+    ``alone`` tells whether no second plant publishes states; ``controller`` is the full name of
+    the node that answers them.
     ``missing`` counts samples without their state, and states without their command, behind the
     first answered state; ``repeated`` the dropped messages; ``foreign`` the states that are not
     of the series; ``taken`` the states that have been taken; ``newest`` is the stamp [ns] of the
-    newest state, ``reached`` of the last one whose command is there too, 0 before. ``over``
-    tells that the next state is the first of another run.
+    newest state, ``reached`` of the last one whose command is there too, 0 before; ``begun`` has
+    the stamp of the first command of each controller that came in mid-run, where the middleware
+    numbers the messages of a writer. ``over`` tells that the next state is the first of another
+    run.
     """
 
-    def __init__(self, step_ns: int, joint: str = '',
-                 alone: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, step_ns: int, joint: str = '', alone: Callable[[], bool] = lambda: True,
+                 controller: str = '') -> None:
         self.missing = self.repeated = self.foreign = self.taken = 0
         self.newest = self.reached = 0
+        self.begun: list[int] = []
         self.over = False
         self.step_ns = step_ns
         self._joint = string(joint) if joint else b''
         self._alone = alone
+        self._controller = string(controller)
         self._waiting: list[Entry] = []
         self._unstamped: list[tuple[int, int, bytes]] = []
-        self._published: list[int] = []
-        self._stamps: list[int] = []
+        self._published = {STATES: Published(), COMMANDS: Published()}
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
         self._last_state = 0
         self._answered = self._met = False
@@ -82,12 +114,16 @@ class Timeline:
             self._unstamped += [(info['source_timestamp'], index, raw) for raw, info in messages]
             return len(messages)
         latest = self.newest + SECOND if self.newest else 2**63
-        for raw, _ in messages:
+        for raw, info in messages:
             if raw == self._before[index]:
                 self.repeated += 1
                 continue
-            self._before[index] = raw
             stamp = min(stamp_of(raw) or self.newest, latest)
+            if index == COMMANDS:
+                self._published[COMMANDS].add(info['source_timestamp'], stamp)
+                if info['publication_sequence_number'] == 1 and self._before[COMMANDS]:
+                    self.begun.append(stamp)
+            self._before[index] = raw
             self._waiting.append((stamp, index, raw))
         return len(messages)
 
@@ -104,8 +140,7 @@ class Timeline:
             if verdict is Verdict.SERIES:
                 self._before[STATES], self.newest = raw, stamp
                 self._waiting.append((stamp, STATES, raw))
-                self._published.append(info['source_timestamp'])
-                self._stamps.append(stamp)
+                self._published[STATES].add(info['source_timestamp'], stamp)
             elif verdict is Verdict.FOREIGN:
                 self.foreign += 1
                 self._waiting.append((self.newest, FOREIGN, raw))
@@ -152,19 +187,19 @@ class Timeline:
         return taken
 
     def _place_unstamped(self, everything: bool) -> None:
-        """Give a stamp to what was published before the newest state, or to ``everything``."""
-        last = self._published[-1] if self._published else 0
+        """Give a stamp to what has a state and a command after it, or to ``everything``."""
         left = []
-        for published, index, raw in self._unstamped:
-            if published < last or everything:
-                at = bisect(self._published, published)
-                stamp = self._stamps[max(at, 1) - 1] if self._stamps else 0
-                self._waiting.append((stamp, index, raw))
-            else:
-                left.append((published, index, raw))
+        for time, index, raw in self._unstamped:
+            (before, after), (_, answer) = (
+                published.around(time) for published in self._published.values())
+            if not everything and not (after and answer):
+                left.append((time, index, raw))
+                continue
+            own = raw[_NODE_AT:].startswith(self._controller)
+            self._waiting.append(((own and answer) or before or after, index, raw))
         self._unstamped = left
-        if len(self._published) > 2 * KEPT:
-            del self._published[:-KEPT], self._stamps[:-KEPT]
+        for published in self._published.values():
+            published.forget()
 
     def _count_missing(self, entries: Sequence[Entry]) -> None:
         for stamp, index, _ in entries:

@@ -10,7 +10,8 @@ The recorder joins the lockstep by choice: after each batch it publishes on reco
 the stamp of the last state that it has together with its command. The plant waits for it (see
 plant_simulator.py), so a slow disk slows simulated time and loses nothing. It opens the bag
 when plant and controller are there and their parameters are read; what comes earlier is kept.
-Parameters of one that comes anew in mid-run are added. A plant that starts anew begins another
+Parameters of one that comes anew in mid-run are added, with the stamp of the first state that it
+answers. A plant that starts anew begins another
 run: then the bag is finished, and the next one is ``<bag>-2``.
 """
 
@@ -80,6 +81,8 @@ class Recorder(ParameterNode):
         self._asking: PeerParameters | None = None
         self._silent: set[str] = set()
         self._told: dict[str, dict[str, Any]] = {}
+        self._came: set[str] = set()
+        self._newcomers: list[tuple[str, dict[str, Any]]] = []
         self.inboxes: dict[Subscription, list[Taken]] = {}
         self.taken_directly = self.inboxes.keys()
         self._kinds: dict[Subscription, str] = {}
@@ -121,6 +124,7 @@ class Recorder(ParameterNode):
         self._subscribe_wanted()
         peers = self._present_peers()
         if self.bag and not self._asking and peers - self._peers:
+            self._came = {name for name, _ in peers - self._peers}
             self._peers, self._asking = peers, PeerParameters(self)
 
     def _subscribe_wanted(self) -> None:
@@ -174,9 +178,16 @@ class Recorder(ParameterNode):
             self._open(asking.values)
             return
         for node, values in asking.values.items():
-            if values != self._told.get(node):
-                self._add_parameters(f'{node}:{self._timeline.newest}', values)
+            if node not in self._told:
+                self._add_newcomer(node, values)
+            elif node in self._came:
+                self._newcomers.append((node, values))
         self._told |= asking.values
+
+    def _add_newcomer(self, node: str, values: dict[str, Any]) -> None:
+        """Add parameters with the stamp of the newcomer's first command, if it can be told."""
+        stamp = (self._timeline.begun or [self._timeline.newest]).pop(0)
+        self._add_parameters(f'{node}:{stamp}', values)
 
     def _open(self, parameters: dict[str, dict[str, Any]]) -> None:
         names = (self._name if number == 1 else f'{self._name}-{number}'
@@ -195,7 +206,8 @@ class Recorder(ParameterNode):
             known |= values
         step = known.get('time_step', 0.0)
         self._timeline = Timeline(nanoseconds(step, 'time_step') if step else DEFAULT_STEP_NS,
-                                  known.get('joint_name', ''), lambda: len(plants(self)) < 2)
+                                  known.get('joint_name', ''), lambda: len(plants(self)) < 2,
+                                  next(iter(publishers(self, JOINT_COMMANDS).values()), ''))
         self._first_at = self._last_at = 0.0
         self._channels = [self._add_topic(subscription) for subscription in self.inboxes]
         self.get_logger().info(f'recording into {folder}')
@@ -224,6 +236,8 @@ class Recorder(ParameterNode):
             self._first_at = self._first_at or self._last_at
         channels = self._channels
         self.bag.write((stamp, channels[index], raw) for stamp, index, raw in entries)
+        while self._newcomers and (self._timeline.begun or everything or over):
+            self._add_newcomer(*self._newcomers.pop(0))
         return not over
 
     def _finish(self) -> None:

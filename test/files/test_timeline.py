@@ -27,7 +27,8 @@ def command(tick, effort=1.0):
 
 def sent(messages):
     """Return messages as rclpy takes them, published at their stamp."""
-    return [(raw, {'source_timestamp': stamp_of(raw)}) for raw in messages]
+    return [(raw, {'source_timestamp': stamp_of(raw), 'publication_sequence_number': None})
+            for raw in messages]
 
 
 def recorded(arrivals):
@@ -125,6 +126,40 @@ def test_what_has_no_stamp_gets_that_of_the_state_before_it_whatever_arrives_fir
     taken += timeline.take(everything=True)
     assert [(stamp, raw) for stamp, index, raw in taken if index == EXTRA] == [
         (START + k * STEP, b'%d' % k) for k in range(count)]
+
+
+def test_a_word_of_the_controllers_stands_at_the_first_state_it_answers_after_it():
+    def told(node):
+        name = node.encode() + b'\0'
+        return b'\0\1\0\0' + bytes(8) + len(name).to_bytes(4, 'little') + name
+
+    # state k goes out at 10 k, its command at 10 k + 6
+    states = [(state(k), {'source_timestamp': 10 * k}) for k in range(6)]
+    commands = [(command(k), {'source_timestamp': 10 * k + 6, 'publication_sequence_number': k + 1})
+                for k in range(6)]
+    timeline = Timeline(STEP, 'axis', controller='/controller')
+    timeline.add(EXTRA, [(told(node), {'source_timestamp': time}) for time in (33, 37)
+                         for node in ('/controller', '/plant_simulator', '/controller2')])
+    placed = []
+    for k in range(0, 6, 2):
+        timeline.add(STATES, states[k:k + 2])
+        placed += timeline.take()
+        timeline.add(COMMANDS, commands[k:k + 2])
+        placed += timeline.take()
+    assert [stamp for stamp, index, _ in placed if index == EXTRA] == [
+        START + k * STEP for k in (3, 3, 3, 3, 3, 4)]
+    assert sorted((raw[16:], stamp) for stamp, index, raw in placed if index == EXTRA) == sorted(
+        (told(node)[16:], START + k * STEP) for node, k in (
+            ('/controller', 3), ('/controller', 4), ('/plant_simulator', 3),
+            ('/plant_simulator', 3), ('/controller2', 3), ('/controller2', 3)))
+
+
+def test_the_first_command_of_another_controller_in_mid_run_is_noticed():
+    timeline = Timeline(STEP, 'axis')
+    timeline.add(STATES, sent(state(k) for k in range(6)))
+    timeline.add(COMMANDS, [(command(k), {'source_timestamp': k, 'publication_sequence_number': n})
+                            for k, n in enumerate((1, 2, 3, 1, 2, 1))])
+    assert timeline.begun == [START + 3 * STEP, START + 5 * STEP]
 
 
 def runs(*messages, joint='axis', alone=True):
