@@ -26,8 +26,8 @@ setup(
         (f'share/{PACKAGE}/studies', sorted(glob('studies/*.yaml'))),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'lz4', 'zstandard',
-                      'pyyaml', 'tqdm'],
+    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'mcap-ros2-support',
+                      'lz4', 'zstandard', 'pyyaml', 'tqdm'],
     extras_require={
         'ros': ROS,
         'analysis': ANALYSIS,

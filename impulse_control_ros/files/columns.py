@@ -15,7 +15,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Metadata
+from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream, MAGIC_SIZE, StreamReader
 import numba
 import numpy as np
@@ -64,9 +64,9 @@ class Column(NamedTuple):
             yield which, rows_at(self.content, self.start[which], int(size))
 
 
-def columns(path: Path) -> Iterator[Column | Metadata]:
+def columns(path: Path) -> Iterator[Column | Metadata | Schema | Channel]:
     """
-    Yield metadata and messages of a file, of one that was cut off as far as it goes.
+    Yield what a file holds, of one that was cut off as far as it goes.
 
     Raises `BagError` for what is no MCAP file, and for damage in a finished one.
     """
@@ -81,6 +81,8 @@ def columns(path: Path) -> Iterator[Column | Metadata]:
             yield from columns_up_to_the_cut(stream)
             return
         yield from reader.iter_metadata()
+        yield from summary.schemas.values()
+        yield from summary.channels.values()
         topics = {number: channel.topic for number, channel in summary.channels.items()}
         for index in sorted(summary.chunk_indexes, key=lambda one: one.chunk_start_offset):
             stream.seek(index.chunk_start_offset + AHEAD)
@@ -90,16 +92,18 @@ def columns(path: Path) -> Iterator[Column | Metadata]:
             yield from columns_of(stream.read()[:-MAGIC_SIZE], topics)
 
 
-def columns_up_to_the_cut(stream: IO[bytes]) -> Iterator[Column | Metadata]:
-    """Yield what stands before the first incomplete record or damaged chunk."""
+def columns_up_to_the_cut(stream: IO[bytes]
+                          ) -> Iterator[Column | Metadata | Schema | Channel]:
+    """Yield what stands before the first incomplete record or damaged chunk, in its order."""
     topics: dict[int, str] = {}
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
+                yield record
             elif isinstance(record, Chunk):
                 yield from columns_of(content_of(record), topics)
-            elif isinstance(record, Metadata):
+            elif isinstance(record, (Metadata, Schema)):
                 yield record
     except BROKEN:
         return

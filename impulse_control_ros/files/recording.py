@@ -1,11 +1,13 @@
 """Bags of ours as arrays: what a run was."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from mcap.records import Channel, Metadata, Schema
+from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
@@ -14,10 +16,32 @@ from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
 from impulse_control_ros.files.columns import BagError, Column, columns
 
-SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8')])
+SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
+                   ('marked', '?')])
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
 IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
                     ('area', 'f8')])
+DAMPING = np.dtype([('stamp', 'i8'), ('damping', 'f8')])
+JOINT_STATE, FLOAT64 = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64'
+FLOAT64_SIZE = 12
+PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+# fields of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
+VALUES = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+          9: 'string_array_value'}
+
+
+class Change(NamedTuple):
+    """
+    Parameters of ``node`` that act from the state of ``stamp`` [ns] on.
+
+    The controller answers this state with them, and the plant steps on from it. ``anew`` tells
+    that the node itself was started anew; then they are all, and its memory is empty.
+    """
+
+    stamp: int
+    node: str
+    values: Mapping[str, Any]
+    anew: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +50,19 @@ class Recording:
     What a bag holds of one joint.
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
-    stamps in ns, the rest in SI units; ``parameters`` by node name and parameter name, and
-    ``restarts`` (stamp, node, parameters) of nodes that came anew with others; ``receipt`` is
-    what the recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty
-    for a bag that was cut off. States of other joints, or out of their time, are left out.
+    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units; a state is ``marked`` where a
+    run starts or is reset. ``parameters`` at the start by node name and parameter name, and the
+    ``changes`` to them in the order of time; ``receipt`` is what the recorder says at the end
+    (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut off.
+    States of other joints, or out of their time, are left out.
     """
 
     states: np.ndarray
     commands: np.ndarray
     impulses: np.ndarray
+    damping: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
-    restarts: list[tuple[int, str, Mapping[str, Any]]]
+    changes: list[Change]
     receipt: Mapping[str, str]
 
 
@@ -54,36 +80,95 @@ def storage_file(bag: str | Path) -> Path:
 def read(bag: str | Path) -> Recording:
     """Read a bag of ours; raises `BagError` for what is none."""
     path = storage_file(bag)
-    series = {'joint_states': Series(SAMPLE), 'joint_commands': Series(COMMAND),
-              'impulse_events': Series(IMPULSE)}
-    parameters: dict[str, dict[str, Any]] = {}
-    restarts: list[tuple[int, str, Mapping[str, Any]]] = []
-    receipt: dict[str, str] = {}
-    topics: set[str] = set()
-    roles: dict[str, str] = {}
+    gathered = _Gathered()
     for item in columns(path):
         if isinstance(item, Column):
-            topics.add(item.topic)
-            kind = roles.get(item.topic, item.topic.rsplit('/', 1)[-1])
-            if kind in series:
-                series[kind].add(item, joint_of(parameters))
-        elif item.name.startswith(PARAMETERS):
+            gathered.add_messages(item)
+        elif isinstance(item, Metadata):
+            gathered.add_metadata(item)
+        elif isinstance(item, Schema):
+            gathered.schemas[item.id] = item
+        else:
+            gathered.channels[item.topic] = item
+    return gathered.recording(path)
+
+
+class _Gathered:
+    """What has been read of a bag so far."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[str, Channel] = {}
+        self._series = {'joint_states': Series(SAMPLE), 'joint_commands': Series(COMMAND),
+                        'impulse_events': Series(IMPULSE)}
+        self._damping = [np.zeros(0, DAMPING)]
+        self._parameters: dict[str, dict[str, Any]] = {}
+        self._changes: list[Change] = []
+        self._receipt: dict[str, str] = {}
+        self._roles: dict[str, str] = {}
+        self._topics: set[str] = set()
+        self._decoders = DecoderFactory()
+
+    def add_metadata(self, item: Metadata) -> None:
+        """Take a named record of strings."""
+        if item.name.startswith(PARAMETERS):
             name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
             values = {key: json.loads(value) for key, value in item.metadata.items()}
-            if stamp and name in parameters:  # else one that told them late
-                restarts.append((int(stamp), name, values))
+            if stamp and name in self._parameters:  # else one that told them late
+                self._changes.append(Change(int(stamp), name, values, anew=True))
             else:
-                parameters[name] = values
+                self._parameters[name] = values
         elif item.name == PACKAGE:
-            roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
+            self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
-            receipt = item.metadata
-    states, commands, impulses = (one.in_order() for one in series.values())
-    if topics and not len(states):
-        raise BagError(f'{path}: no joint_states of joint {joint_of(parameters)!r} among its '
-                       f'topics {", ".join(sorted(topics))}')
-    return Recording(states=states, commands=commands, impulses=impulses,
-                     parameters=parameters, restarts=restarts, receipt=receipt)
+            self._receipt = item.metadata
+
+    def add_messages(self, column: Column) -> None:
+        """Take the messages of a topic."""
+        self._topics.add(column.topic)
+        role = self._roles.get(column.topic, column.topic.rsplit('/', 1)[-1])
+        channel = self.channels.get(column.topic)
+        schema = self.schemas.get(channel.schema_id) if channel else None
+        kind = schema.name if schema else ''
+        if role in self._series and kind == JOINT_STATE:
+            self._series[role].add(column, joint_of(self._parameters))
+        elif role == 'damping' and kind == FLOAT64:
+            self._damping.append(damping_of(column))
+        elif kind == PARAMETER_EVENT:
+            decode = self._decoders.decoder_for('cdr', schema)
+            self._changes += changes_of(column, decode) if decode else ()
+
+    def recording(self, path: Path) -> Recording:
+        """Return it as a whole."""
+        states, commands, impulses = (one.in_order() for one in self._series.values())
+        if self._topics and not len(states):
+            raise BagError(f'{path}: no joint_states of joint {joint_of(self._parameters)!r} '
+                           f'among its topics {", ".join(sorted(self._topics))}')
+        self._changes.sort(key=lambda change: (change.stamp, not change.anew))
+        return Recording(
+            states=states, commands=commands, impulses=impulses,
+            damping=np.concatenate(self._damping), parameters=self._parameters,
+            changes=self._changes, receipt=self._receipt)
+
+
+def changes_of(events: Column, decode: Callable[[bytes], Any]) -> Iterator[Change]:
+    """Yield what parameter events tell."""
+    for at, size, stamp in zip(events.start, events.size, events.stamp, strict=True):
+        event = decode(events.content[at:at + size].tobytes())
+        values = {parameter.name: getattr(parameter.value, VALUES[parameter.value.type])
+                  for parameter in (*event.new_parameters, *event.changed_parameters)
+                  if parameter.value.type in VALUES}
+        yield Change(int(stamp), event.node, values, anew=False)
+
+
+def damping_of(column: Column) -> np.ndarray:
+    """Return the messages of std_msgs/Float64 of a chunk: shape (n,), dtype DAMPING."""
+    rows = np.zeros(len(column.stamp), DAMPING)
+    rows['stamp'], rows['damping'] = column.stamp, np.nan
+    for which, content in column.same_size():
+        if content.shape[1] >= FLOAT64_SIZE:
+            rows['damping'][which] = content[:, 4:FLOAT64_SIZE].copy().view('<f8')[:, 0]
+    return rows
 
 
 def joint_of(parameters: Mapping[str, Mapping[str, Any]]) -> str:
@@ -112,6 +197,8 @@ class Series:
                 rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
                 if self._kind is IMPULSE:
                     rows['guard'][at] = number
+                elif self._kind is SAMPLE:
+                    rows['marked'][at] = layout.frame_id == RESET_MARK
                 for name, value in zip(self._measured, values, strict=True):
                     rows[name][at] = value[good]
         known &= rows['stamp'] == column.stamp

@@ -135,8 +135,9 @@ def test_a_word_of_the_controllers_stands_at_the_first_state_it_answers_after_it
 
     # state k goes out at 10 k, its command at 10 k + 6
     states = [(state(k), {'source_timestamp': 10 * k}) for k in range(6)]
-    commands = [(command(k), {'source_timestamp': 10 * k + 6, 'publication_sequence_number': k + 1})
-                for k in range(6)]
+    commands = [
+        (command(k), {'source_timestamp': 10 * k + 6, 'publication_sequence_number': None})
+        for k in range(6)]
     timeline = Timeline(STEP, 'axis', controller='/controller')
     timeline.add(EXTRA, [(told(node), {'source_timestamp': time}) for time in (33, 37)
                          for node in ('/controller', '/plant_simulator', '/controller2')])
