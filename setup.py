@@ -5,7 +5,7 @@ from setuptools import find_packages, setup
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
-TOOLS = ['sweep', 'paper_figures']
+TOOLS = ['replay', 'sweep', 'paper_figures']
 ANALYSIS = ['matplotlib>=3.8', 'pyarrow']  # 200 MB that a robot does not need
 DASK = ['distributed']
 

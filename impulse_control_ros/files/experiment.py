@@ -199,12 +199,11 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
             yield name, section
 
 
-def read_experiment(path: str | Path) -> Experiment:
+def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
     """
-    Read a ROS parameter file for the three nodes by their default names, in any namespace.
+    Return what a ROS parameter file names, by the default name of the node and the parameter.
 
-    Raises `ParameterError` when the file cannot be read, names an unknown node or parameter, or
-    holds a wrong value; the message names the file, the node, the parameter and its value.
+    Raises `ParameterError` when the file cannot be read or names an unknown node.
     """
     values: dict[str, dict[str, Any]] = {node: {} for node in NODES}
     for name, section in sections(path).items():
@@ -218,6 +217,17 @@ def read_experiment(path: str | Path) -> Experiment:
             raise ParameterError(f'{path}: {name} has no ros__parameters') from None
         for node in meant:
             values[node] |= {key: value for key, value in given.items() if not is_foreign(key)}
+    return values
+
+
+def read_experiment(path: str | Path) -> Experiment:
+    """
+    Read a ROS parameter file for the three nodes by their default names, in any namespace.
+
+    Raises `ParameterError` when the file cannot be read, names an unknown node or parameter, or
+    holds a wrong value; the message names the file, the node, the parameter and its value.
+    """
+    values = read_values(path)
     experiment = Experiment(**{node: _built(path, node, values[node]) for node in NODES})
     try:
         require_agreement('plant_simulator', experiment.plant_simulator.flat(),

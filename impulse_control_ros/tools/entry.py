@@ -13,6 +13,14 @@ def sweep() -> int:
     return status
 
 
+def replay() -> int:
+    """Play a bag, or run it again."""
+    stop = StopRequest()
+    status = int(import_module('impulse_control_ros.tools.replay').main(stop))
+    stop.ignore()
+    return status
+
+
 def paper_figures() -> int:
     """Draw the paper's figures; it may be left at any moment."""
     StopRequest(patience=0)

@@ -1,0 +1,116 @@
+"""
+``replay``: what a bag holds once more, as messages on the graph or computed and compared.
+
+The messages are published by nodes/player.py, which alone needs ROS.
+"""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+import sys
+from typing import Any
+
+import yaml
+
+from impulse_control_ros.stop import StopRequest
+
+DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
+COMPARED = """\
+The last two print what differs, bit by bit, and exit with 1 where anything does."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what is not for ROS."""
+    parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder, or its .mcap file')
+    play = parser.add_argument_group('on the graph', 'ros2 param set /replay rate 2.0 tunes it, '
+                                     'and the service ~/pause (std_srvs/SetBool) holds it')
+    play.add_argument('--rate', type=float, default=1.0, help='bag seconds per wall second')
+    play.add_argument('--start-offset', metavar='S', type=float, default=0.0,
+                      help='seconds of the bag to skip')
+    play.add_argument('--loop', action='store_true', help='begin again at the end')
+    play.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
+    play.add_argument('--topics', metavar='TOPIC', nargs='+',
+                      help='the topics to publish; all but /parameter_events if not given')
+    play.add_argument('--clock', metavar='HZ', type=float, default=100.0,
+                      help='messages on /clock per wall second; 0 for none')
+    again = parser.add_argument_group('computed and compared', COMPARED)
+    which = again.add_mutually_exclusive_group()
+    which.add_argument('--controller', action='store_true',
+                       help='let the control law answer the recorded states')
+    which.add_argument('--closed-loop', action='store_true',
+                       help='run the whole experiment again, from the parameters in the bag')
+    again.add_argument('--params', metavar='FILE', type=Path,
+                       help="with --controller: this file's parameters of the controller")
+    again.add_argument('-p', dest='overrides', metavar='NAME:=VALUE', action='append', default=[],
+                       help='with --controller: a parameter of the controller')
+
+
+def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """
+    Be the whole of the executable; returns the exit status.
+
+    0: done, and nothing differs; 1: something does, or anything else; 2: bad arguments,
+    parameters or bag, said in one line.
+    """
+    parser = argparse.ArgumentParser(prog='replay', description=DESCRIPTION)
+    add_options(parser)
+    options, rest = parser.parse_known_args(arguments)
+    if not (options.controller or options.closed_loop):
+        if options.params or options.overrides:
+            parser.error('--params and -p are for --controller')
+        try:
+            player = import_module('impulse_control_ros.nodes.player')
+        except ModuleNotFoundError as error:
+            return leave(f'{error.name} is missing: playing a bag needs ROS 2', 1)
+        return int(player.main(stop, DESCRIPTION, add_options))
+    if rest:
+        parser.error(f'unrecognized arguments: {" ".join(rest)}')
+    if options.closed_loop and (options.params or options.overrides):
+        parser.error('--params and -p are for --controller')
+
+    from impulse_control_ros.core.parameter import ParameterError
+    from impulse_control_ros.files.columns import BagError
+    try:
+        lines, same = compared(options)
+    except (BagError, ParameterError) as error:
+        return leave(error, 2)
+    print('\n'.join(lines))
+    return 0 if same else 1
+
+
+def leave(why: object, status: int) -> int:
+    """Say why it ends; returns ``status``."""
+    print(f'replay: {why}', file=sys.stderr)
+    return status
+
+
+def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
+    """Return the controller's parameters of the command line; raises `ParameterError`."""
+    from impulse_control_ros.core.parameter import ParameterError
+    from impulse_control_ros.files.experiment import read_values
+
+    values = dict(read_values(options.params)['controller']) if options.params else {}
+    for rule in options.overrides:
+        name, given, value = rule.partition(':=')
+        if not given:
+            raise ParameterError(f'-p {rule} is refused: allowed is NAME:=VALUE')
+        values[name] = yaml.safe_load(value)
+    return values
+
+
+def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
+    """Run the bag again; returns what to print, and whether every message is the same."""
+    from impulse_control_ros.files.recording import read
+    from impulse_control_ros.tools.difference import difference, lines_of, same
+    from impulse_control_ros.tools.rerun import closed_loop, open_loop
+
+    recording, overrides = read(options.bag), overrides_of(options)
+    rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
+    found = {topic: difference(*pair) for topic, pair in rerun.pairs.items()}
+    identical = same(found)
+    return [
+        f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
+        *(f'with {name} = {value!r}' for name, value in overrides.items()),
+        *lines_of(found),
+        'every message is the same, to the bit' if identical else 'it differs'], identical

@@ -1,0 +1,153 @@
+"""What a bag's own parameters make of it: its pieces, and the run or the commands anew."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from impulse_control_ros.core.parameter import build, declared, Parameters
+from impulse_control_ros.core.replay import answered, Piece, run_again
+from impulse_control_ros.core.tick import nanoseconds
+from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.experiment import (
+    ControllerParameters,
+    is_foreign,
+    PlantParameters,
+    require_agreement,
+)
+from impulse_control_ros.files.recording import COMMAND, DAMPING, IMPULSE, Recording, SAMPLE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rerun:
+    """
+    A bag's messages beside those of the run anew.
+
+    ``pairs`` of (recorded, replayed) rows by topic; ``changes`` counts what changed on the way.
+    """
+
+    pairs: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    changes: int
+
+
+def node_of(recording: Recording, kind: type[Parameters]) -> str:
+    """Return the node with the parameters ``kind``; raises `BagError` where there is none."""
+    known = {name for name, _, _ in declared(kind)}
+    for node, values in recording.parameters.items():
+        ours = {name for name in values if not is_foreign(name)}
+        if ours and ours <= known:
+            return node
+    raise BagError(f'no node of the bag has the parameters of a {kind.__name__}: '
+                   f'{", ".join(recording.parameters) or "it names none"}')
+
+
+def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
+              ) -> Iterator[tuple[int, bool, Any]]:
+    """
+    Yield (stamp, anew, parameters of ``kind``): those at the start with stamp 0, then changes.
+
+    ``overrides`` hold from the start to the end. Raises `ParameterError` for a wrong one.
+    """
+    node = node_of(recording, kind)
+    values = dict(recording.parameters[node])
+
+    def built() -> Any:
+        return build(kind, {**{name: value for name, value in values.items()
+                               if not is_foreign(name)}, **overrides})
+    yield 0, True, built()
+    for change in recording.changes:
+        if change.node == node:
+            values = dict(change.values) if change.anew else {**values, **change.values}
+            yield change.stamp, change.anew, built()
+
+
+def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
+              overrides: Mapping[str, Any]) -> list[Piece]:
+    """Return the pieces of a run with samples at ``stamps``, ``marked`` where it is reset."""
+    axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
+    controllers, anew = {}, {0, *np.flatnonzero(marked).tolist()}
+    for at, fresh, controller in located(stamps, recording, ControllerParameters, overrides):
+        controllers[at] = controller
+        anew |= {at} if fresh else set()
+    first = next(histories(recording, PlantParameters, {}))[2]
+    require_agreement('the bag', first.flat(), controllers[0].flat())
+    axis, controller, pieces = first, controllers[0], []
+    for at in sorted({*axes, *controllers, *anew}):
+        before, axis = axis, axes.get(at, axis)
+        controller = controllers.get(at, controller)
+        pieces.append(Piece(at, axis, controller, at in anew, before if marked[at] else None))
+    return pieces
+
+
+def located(stamps: np.ndarray, recording: Recording, kind: type[Parameters],
+            overrides: Mapping[str, Any]) -> Iterator[tuple[int, bool, Any]]:
+    """Yield `histories` with the sample that each acts at in place of its stamp."""
+    for stamp, anew, values in histories(recording, kind, overrides):
+        at = int(np.searchsorted(stamps, stamp))
+        if at < len(stamps):
+            yield at, anew, values
+
+
+def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
+    """
+    Answer the recorded states.
+
+    Where the run was free, the controller has seen the states that it answered, and maybe no
+    other. Raises `ParameterError` for a wrong override, `BagError` without parameters.
+    """
+    states = recording.states
+    seen = np.isfinite(states['position']) & np.isfinite(states['velocity'])
+    plant = recording.parameters[node_of(recording, PlantParameters)]
+    if not plant['lockstep']:
+        seen &= np.isin(states['stamp'], recording.commands['stamp'])
+    states = states[seen]
+    pieces = pieces_of(recording, states['stamp'], states['marked'], overrides)
+    answers = answered(states['position'], states['velocity'], pieces)
+    return Rerun(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
+
+
+def closed_loop(recording: Recording) -> Rerun:
+    """
+    Run the whole experiment again, from the parameters in the bag.
+
+    Raises `BagError` for a run that is not a function of them: a free one, or one whose start
+    is not in the bag.
+    """
+    first = next(histories(recording, PlantParameters, {}))[2]
+    step, recorded = nanoseconds(first.time_step, 'time_step'), recording.states
+    if not first.lockstep:
+        raise BagError('the run was free (lockstep: false): it depended on the wall clock')
+    if not recorded['marked'][0] or recorded['stamp'][0] != nanoseconds(
+            first.start_time, 'start_time'):
+        raise BagError(f'the bag begins in mid-run, at {recorded["stamp"][0] / 1e9:.9f} s')
+    ticks = (recorded['stamp'] - recorded['stamp'][0]) // step
+    stamps = recorded['stamp'][0] + step * np.arange(ticks[-1] + 1)
+    marked = np.zeros(len(stamps), bool)
+    marked[ticks] = recorded['marked']
+    pieces = pieces_of(recording, stamps, marked, {})
+    made, answers = run_again(len(stamps), pieces)
+    states, damping = np.zeros(len(stamps), SAMPLE), np.zeros(len(stamps), DAMPING)
+    states['stamp'], states['marked'], damping['stamp'] = stamps, marked, stamps
+    damping['damping'] = made['damping']
+    for name in ('position', 'velocity', 'effort'):
+        states[name] = made[name]
+    told = np.isin(stamps, recording.damping['stamp'])  # not every sample's is published
+    return Rerun(changes=len(pieces) - 1, pairs={
+        'joint_states': (recorded, states), **answers_beside(recording, states, answers),
+        'damping': (recording.damping, damping[told])})
+
+
+def answers_beside(recording: Recording, states: np.ndarray, answers: np.ndarray
+                   ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return the pairs of commands and impulses, of those since the first of the ``states``."""
+    commands, fired = np.zeros(len(answers), COMMAND), answers['guard'] > 0
+    commands['stamp'], commands['effort'] = states['stamp'], answers['effort']
+    impulses = np.zeros(np.count_nonzero(fired), IMPULSE)
+    for name in ('stamp', 'position', 'velocity'):
+        impulses[name] = states[name][fired]
+    for name in ('guard', 'area'):
+        impulses[name] = answers[name][fired]
+    return {topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
+            for topic, rows, replayed in (('joint_commands', recording.commands, commands),
+                                          ('impulse_events', recording.impulses, impulses))}
