@@ -25,15 +25,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder, or its .mcap file')
     play = parser.add_argument_group('on the graph', 'ros2 param set /replay rate 2.0 tunes it, '
                                      'and the service ~/pause (std_srvs/SetBool) holds it')
-    play.add_argument('--rate', type=float, default=1.0, help='bag seconds per wall second')
+    play.add_argument('--rate', type=float, help='bag seconds per wall second')
     play.add_argument('--start-offset', metavar='S', type=float, default=0.0,
                       help='seconds of the bag to skip')
     play.add_argument('--loop', action='store_true', help='begin again at the end')
     play.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
     play.add_argument('--topics', metavar='TOPIC', nargs='+',
                       help='the topics to publish; all but /parameter_events if not given')
-    play.add_argument('--clock', metavar='HZ', type=float, default=100.0,
-                      help='messages on /clock per wall second; 0 for none')
+    play.add_argument('--clock', metavar='HZ', type=float,
+                      help='messages on /clock per wall second, 100 if not given; 0 for none')
     again = parser.add_argument_group('computed and compared', COMPARED)
     which = again.add_mutually_exclusive_group()
     which.add_argument('--controller', action='store_true',
@@ -55,7 +55,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog='replay', description=DESCRIPTION)
     add_options(parser)
-    options, rest = parser.parse_known_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = parser.parse_args(given[:(given + ['--ros-args']).index('--ros-args')])
     if not (options.controller or options.closed_loop):
         if options.params or options.overrides:
             parser.error('--params and -p are for --controller')
@@ -64,8 +65,6 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         except ModuleNotFoundError as error:
             return leave(f'{error.name} is missing: playing a bag needs ROS 2', 1)
         return int(player.main(stop, DESCRIPTION, add_options))
-    if rest:
-        parser.error(f'unrecognized arguments: {" ".join(rest)}')
     if options.closed_loop and (options.params or options.overrides):
         parser.error('--params and -p are for --controller')
 

@@ -1,0 +1,222 @@
+"""
+The replay node: the messages of a bag on the graph again, at the pace of their time stamps.
+
+It publishes raw bytes with the quality of service of the recorded publishers, and /clock from
+the same pace. It does not wait for subscribers: those that need the first message start before
+it is resumed (``--start-paused``).
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from operator import itemgetter
+from pathlib import Path
+from time import monotonic
+
+from mcap.records import Channel, Schema
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+import yaml
+
+from impulse_control_ros.core.parameter import parameter, Parameters, refusal
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.cdr import encode_time
+from impulse_control_ros.files.columns import BagError, Column, columns
+from impulse_control_ros.files.recording import storage_file
+from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.topics import CLOCK, SERIES_QOS
+from impulse_control_ros.stop import StopRequest
+
+AT_ONCE = 1000  # messages between two looks at what else is to do
+Message = tuple[int, str, bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerParameters(Parameters):
+    """Parameters of the node ``replay``."""
+
+    rate: float = parameter(1.0, '', 'bag seconds per wall second', lower=0.0, open_lower=True)
+    loop: bool = parameter(False, '', 'whether it begins again at the end')
+    clock_rate: float = parameter(
+        100.0, 'Hz', 'messages on /clock per wall second; 0 for none', lower=0.0, upper=10_000.0)
+
+
+class Player(ParameterNode):
+    """Publishes what a bag holds."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        given = {'rate': options.rate, 'clock_rate': options.clock, 'loop': options.loop or None}
+        super().__init__('replay', PlayerParameters, parameter_overrides=[
+            Parameter(name, value=value) for name, value in given.items() if value is not None])
+        self._path = storage_file(options.bag)
+        self._topics = chosen(self._path, options.topics)
+        self._outputs = {name: self.create_publisher(message_class(kind), name, qos)
+                         for name, (kind, qos) in self._topics.items()}
+        self._clock = (None if CLOCK in self._outputs
+                       else self.create_publisher(Clock, CLOCK, SERIES_QOS))
+        self._rate = self.parameters.rate
+        self._paused = options.start_paused
+        self._published = 0
+        self._clock_at = 0.0
+        self._start_ns = start_of(self._path, set(self._topics), options.start_offset)
+        self._begin()
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.get_logger().info(('paused: ' if self._paused else '') + f'{options.bag} from '
+                               f'{self._start_ns / SECOND:.9f} s, {", ".join(self._topics)}')
+
+    def _begin(self) -> None:
+        self._messages = in_order(self._path, set(self._topics), self._start_ns)
+        self._next = next(self._messages, None)
+        self._origin, self._anchor = self._start_ns, monotonic()
+
+    # -- time -------------------------------------------------------------------------------
+
+    def _now(self) -> int:
+        """Return the time of the bag, ns."""
+        if self._paused:
+            return self._origin
+        return self._origin + round((monotonic() - self._anchor) * self._rate * SECOND)
+
+    def parameters_changed(self) -> None:
+        """Go on from here at another rate."""
+        self._origin, self._anchor = self._now(), monotonic()
+        self._rate = self.parameters.rate
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response
+                  ) -> SetBool.Response:
+        self._origin, self._anchor = self._now(), monotonic()
+        self._paused = request.data
+        response.success = True
+        response.message = f'{"paused" if request.data else "playing"} at {self._origin} ns'
+        return response
+
+    def poll(self) -> float:
+        """Publish what is due; returns the wall time until the next is."""
+        if self._paused:
+            return IDLE
+        now = self._now()
+        for _ in range(AT_ONCE):
+            if not self._next or self._next[0] > now:
+                break
+            _, topic, raw = self._next
+            self._outputs[topic].publish(raw)
+            self._published += 1
+            self._next = next(self._messages, None)
+        self._tell_time(now)
+        if not self._next:
+            self._end()
+            return 0.0
+        return min(max(self._next[0] - self._now(), 0) / SECOND / self._rate, self._until_clock())
+
+    def _until_clock(self) -> float:
+        return min(max(self._clock_at - monotonic(), 0.0), IDLE) if self._clock else IDLE
+
+    def _tell_time(self, now: int) -> None:
+        rate = self.parameters.clock_rate
+        if self._clock and rate and monotonic() >= self._clock_at:
+            self._clock.publish(encode_time(*divmod(now, SECOND)))
+            self._clock_at = max(self._clock_at + 1.0 / rate, monotonic())
+
+    def _end(self) -> None:
+        if self.parameters.loop:
+            self._begin()
+        else:
+            self.finished = True
+            self.get_logger().info(f'{self._published} messages published')
+
+    def close(self) -> None:
+        """Wait until what was sent has arrived."""
+        for output in self._outputs.values():
+            output.wait_for_all_acked(Duration(seconds=1))
+
+
+def chosen(path: Path, wanted: Sequence[str] | None) -> dict[str, tuple[str, QoSProfile]]:
+    """
+    Return type and quality of service of the topics ``wanted``, or of all but /parameter_events.
+
+    Raises `ParameterError` for a topic that is not in the bag.
+    """
+    kinds: dict[int, str] = {}
+    found: dict[str, tuple[str, QoSProfile]] = {}
+    for item in columns(path):
+        if isinstance(item, Schema):
+            kinds[item.id] = item.name
+        elif isinstance(item, Channel):
+            found[item.topic] = kinds.get(item.schema_id, ''), qos_of(item)
+    if wanted is None:
+        return {name: value for name, value in found.items() if name != '/parameter_events'}
+    names = [f'/{name.lstrip("/")}' for name in wanted]
+    for name in names:
+        if name not in found:
+            raise refusal('topic', name, f'one of the bag: {", ".join(found)}')
+    return {name: found[name] for name in names}
+
+
+def message_class(kind: str) -> type:
+    """Return the class of pkg/msg/Name; raises `BagError` where it is not installed."""
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise BagError(f'message type {kind!r} of the bag is not installed') from None
+
+
+def qos_of(channel: Channel) -> QoSProfile:
+    """Return the reliability and durability of the publisher that was recorded, queued deeply."""
+    offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
+    best_effort = offers[0].get('reliability') in ('best_effort', 2)
+    latched = offers[0].get('durability') in ('transient_local', 1)
+    return QoSProfile(
+        depth=SERIES_QOS.depth,
+        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort
+                     else ReliabilityPolicy.RELIABLE),
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
+                    else DurabilityPolicy.VOLATILE))
+
+
+def start_of(path: Path, topics: set[str], offset: float) -> int:
+    """Return the log time [ns] at which to start; raises `BagError` and `ParameterError`."""
+    times = [column.time for column in columns(path)
+             if isinstance(column, Column) and column.topic in topics]
+    if not times:
+        raise BagError(f'{path}: no message on {", ".join(sorted(topics)) or "any topic"}')
+    first, last = int(min(map(np.min, times))), int(max(map(np.max, times)))
+    if not 0.0 <= offset <= (last - first) / SECOND:
+        raise refusal('--start-offset', offset, f'[0, {(last - first) / SECOND:g}] [s]')
+    return first + round(offset * SECOND)
+
+
+def in_order(path: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
+    """Yield (log time [ns], topic, bytes) from ``start_ns`` on, chunk by chunk."""
+    chunk: list[Column] = []
+    for item in columns(path):
+        if isinstance(item, Column):
+            if chunk and item.content is not chunk[0].content:
+                yield from of_chunk(chunk, topics, start_ns)
+                chunk = []
+            chunk.append(item)
+    yield from of_chunk(chunk, topics, start_ns)
+
+
+def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterator[Message]:
+    """Yield the messages of one chunk's ``topics`` in the order of time."""
+    messages = [(time, start, size, column) for column in chunk if column.topic in topics
+                for time, start, size in zip(
+                    column.time.tolist(), column.start.tolist(), column.size.tolist(),
+                    strict=True) if time >= start_ns]
+    for time, start, size, column in sorted(messages, key=itemgetter(0, 1)):
+        yield time, column.topic, column.content[start:start + size].tobytes()
+
+
+def main(stop: StopRequest, description: str,
+         add_options: Callable[[argparse.ArgumentParser], None]) -> int:
+    """Play a bag."""
+    return run_node(stop, 'replay', description, lambda options: [partial(Player, options)],
+                    'rate:=2.0', add_options)

@@ -1,0 +1,199 @@
+"""Bags replayed: computed once more to the same bits, and played on the graph."""
+
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from impulse_control_ros.files.bag import BagWriter, Topic
+from impulse_control_ros.files.columns import Column, columns
+from impulse_control_ros.files.recording import read
+from test.conftest import CONFIG
+from test.files.test_bag import QOS
+
+LAST = 3_000_000_000
+
+
+@pytest.fixture
+def record(graph):
+    """Return a function that makes a bag of an experiment."""
+    def recorded(experiment, *arguments):
+        bag = graph.folder / experiment
+        process = graph.start('closed_loop', '--ros-args', '--params-file',
+                              CONFIG / f'{experiment}.yaml', '-p', f'recorder:bag:={bag}',
+                              *arguments)
+        assert process.wait() == 0, process.output
+        return bag
+    return recorded
+
+
+@pytest.fixture
+def replay(graph):
+    """Return a function that replays a bag: (exit status, what it says)."""
+    def replayed(bag, *arguments):
+        process = graph.start('replay', bag, *arguments)
+        return process.wait(), process.output
+    return replayed
+
+
+@pytest.mark.parametrize('experiment', ['underdamped', 'coulomb', 'time_varying'])
+def test_a_run_replayed_is_the_same_to_the_bit(record, replay, experiment):
+    bag = record(experiment, '-p', 'plant_simulator:duration:=0.5')
+    for how in ('--controller', '--closed-loop'):
+        status, said = replay(bag, how)
+        assert status == 0, said
+        assert ' 5001 compared, 0 differ' in said
+        assert 'every message is the same, to the bit' in said
+
+
+def test_another_gain_gives_the_difference_that_the_law_says(record, replay):
+    bag = record('pd_only_upper')
+    assert replay(bag, '--controller', '-p', 'K:=10.0')[0] == 0
+    status, said = replay(bag, '--controller', '-p', 'K:=12')
+    apart = 2.0 * np.abs(read(bag).states['position'])
+    assert status == 1, said
+    assert 'with K = 12' in said
+    assert f'RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart.max():.6g} N at 1.000' in said
+    assert 'effort -6.0 was -5.0' in said
+
+
+def test_an_impulse_that_is_no_longer_fired_is_named(record, replay):
+    bag = record('underdamped')
+    run = read(bag)
+    status, said = replay(bag, '--controller', '-p', 'impulses:=false')
+    assert status == 1
+    assert f'0 compared, 0 differ, {len(run.impulses)} only recorded' in said
+    first = run.impulses[0]
+    assert first['guard'] == 2
+    assert 'velocity_zero at 1.000000000 s is only recorded' in said
+
+
+def test_a_file_of_parameters_serves_as_well(record, replay):
+    bag = record('underdamped')
+    assert replay(bag, '--controller', '--params', CONFIG / 'underdamped.yaml')[0] == 0
+    status, said = replay(bag, '--controller', '--params', CONFIG / 'pd_only_lower.yaml')
+    assert status == 1
+    assert 'with impulses = False' in said
+
+
+def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph, client, replay):
+    bag, config = graph.folder / 'bag', CONFIG / 'time_varying.yaml'
+    states = client.listen('/joint_states', JointState)
+    plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
+                        'real_time_factor:=0.05')
+    controller = graph.start('controller', config=config)
+    client.spin_until(lambda: client.node.count_publishers('/joint_states'), 'the plant')
+    recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
+    client.spin_until(lambda: states, 'states')
+    for node, values in (('controller', {'K': 12.0, 'D': 0.7}), ('plant_simulator', {'F_c': 0.3}),
+                         ('controller', {'x_r': 0.2}), ('plant_simulator', {'m': 0.12}),
+                         ('controller', {'alpha_ratio': 0.7, 'effort_limit': 300.0}),
+                         ('plant_simulator', {'x_0': 0.4, 'damping.upper': 1.0})):
+        assert client.set(node, **values).successful
+    assert client.call('/plant_simulator/reset', Trigger, once=True).success
+    controller.kill()
+    plant.says('published again')
+    controller = graph.start('controller', '--ros-args', '--params-file', config, '-p',
+                             'd_bar:=1.25')
+    seen = len(states)
+    client.spin_until(lambda: len(states) > seen + 100, 'more states')
+    assert client.set('controller', x_r=-0.1).successful
+    assert client.set('plant_simulator', F_c=1.5, real_time_factor=0.0).successful
+    assert plant.wait() == 0, plant.output
+    assert recorder.interrupt() == 0
+    assert controller.interrupt() == 0
+    run = read(bag)
+    assert len([change for change in run.changes if 'controller' in change.node]) >= 5
+    assert sum(run.states['marked']) == 2
+    for how in ('--controller', '--closed-loop'):
+        status, said = replay(bag, how)
+        assert status == 0, said
+        assert ' 20001 compared, 0 differ' in said or run.receipt['missing'] != '0'
+
+
+def rewritten(bag, folder, change=lambda topic, number, raw: raw):
+    """Return a copy of a bag in which ``change`` has had its way with each message."""
+    writer = BagWriter(folder)
+    channels, counts, entries = {}, {}, []
+    for item in columns(bag / f'{bag.name}_0.mcap'):
+        if isinstance(item, Column):
+            for at, size, stamp in zip(item.start, item.size, item.stamp, strict=True):
+                if item.topic not in channels:
+                    kind = 'Float64' if item.topic == '/damping' else 'JointState'
+                    package = 'std_msgs' if item.topic == '/damping' else 'sensor_msgs'
+                    channels[item.topic] = writer.add_topic(
+                        Topic(name=item.topic, type=f'{package}/msg/{kind}', qos=(QOS,)))
+                counts[item.topic] = number = counts.get(item.topic, -1) + 1
+                raw = change(item.topic, number, item.content[at:at + size].tobytes())
+                entries.append((int(stamp), channels[item.topic], raw))
+        elif hasattr(item, 'metadata') and hasattr(item, 'name') and item.name != 'rosbag2':
+            writer.add_metadata(item.name, item.metadata)
+    writer.write(sorted(entries, key=lambda entry: entry[0]))
+    writer.close()
+    return folder
+
+
+@pytest.mark.parametrize('topic', ['joint_states', 'joint_commands', 'impulse_events', 'damping'])
+def test_one_flipped_bit_of_a_message_is_found(record, replay, tmp_path, topic):
+    bag = record('time_varying', '-p', 'plant_simulator:duration:=0.2')
+    assert replay(rewritten(bag, tmp_path / 'same'), '--closed-loop')[0] == 0
+
+    def flip(name, number, raw):
+        # the lowest bit of the last double
+        at = len(raw) - 8
+        return raw if (name, number) != (f'/{topic}', 1) else (
+            raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1:])
+    status, said = replay(rewritten(bag, tmp_path / 'other', flip), '--closed-loop')
+    assert status == 1, said
+    assert f'first in {topic} at' in said
+
+
+def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, tmp_path):
+    bag = record('underdamped', '-p', 'plant_simulator:duration:=0.05')
+    free = record('axis', '-p', 'plant_simulator:duration:=0.05', '-p',
+                  'plant_simulator:lockstep:=false', '-p', 'plant_simulator:real_time_factor:=0.1')
+    bare = BagWriter(tmp_path / 'bare')
+    bare.write([])
+    bare.close()
+    for arguments, said in (
+            ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0 is refused: allowed is > 0'),
+            ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
+            ((bag, '--controller', '-p', 'K'), 'allowed is NAME:=VALUE'),
+            ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001 is refused'),
+            ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
+            ((free, '--closed-loop'), 'lockstep: false'),
+            ((tmp_path / 'bare', '--closed-loop'), 'no node of the bag'),
+            ((tmp_path / 'nowhere', '--closed-loop'), 'nowhere'),
+            ((tmp_path / 'nowhere',), 'nowhere'), ((bag, '--topics', 'elbow'), '/elbow'),
+            ((bag, '--rate', '0'), 'rate = 0.0'), ((bag, '--start-offset', '9'), '[0, 0.05]')):
+        status, output = replay(*arguments)
+        assert status == 2, output
+        assert said in output
+        assert len(output.splitlines()) == 1, output
+    assert replay(free, '--controller')[0] == 0
+
+
+def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, record):
+    bag = record('underdamped', '-p', 'plant_simulator:duration:=0.2')
+    states = client.listen('/joint_states', JointState)
+    commands = client.listen('/moved/commands', JointState)
+    clock = client.listen('/clock', Clock)
+    player = graph.start('replay', bag, '--start-paused', '--rate', '0.2', '--ros-args', '-r',
+                         '/joint_commands:=/moved/commands')
+    client.spin_until(lambda: client.node.count_publishers('/clock')
+                      and client.node.count_publishers('/moved/commands'), 'the player')
+    assert client.call('/replay/pause', SetBool, data=False).success
+    client.spin_until(lambda: len(states) > 50, 'states')
+    assert client.call('/replay/pause', SetBool, data=True).success
+    assert client.set('replay', rate=0.5).successful
+    assert client.call('/replay/pause', SetBool, data=False).success
+    client.spin_until(lambda: len(states) == len(commands) == 2001, 'all messages')
+    assert player.wait() == 0, player.output
+    run = read(bag)
+    assert f'{2 * 2001 + len(run.impulses)} messages published' in player.output
+    assert [state.position[0] for state in states] == run.states['position'].tolist()
+    assert [command.effort[0] for command in commands] == run.commands['effort'].tolist()
+    times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
+    assert times == sorted(times)
+    assert 1_000_000_000 <= times[0] < times[-1] <= 1_250_000_000
