@@ -59,12 +59,12 @@ class Player(ParameterNode):
         self._topics = chosen(self._path, options.topics)
         self._outputs = {name: self.create_publisher(message_class(kind), name, qos)
                          for name, (kind, qos) in self._topics.items()}
-        self._clock = (None if CLOCK in self._outputs
+        self._time = (None if CLOCK in self._outputs
                        else self.create_publisher(Clock, CLOCK, SERIES_QOS))
         self._rate = self.parameters.rate
         self._paused = options.start_paused
         self._published = 0
-        self._clock_at = 0.0
+        self._time_at = 0.0
         self._start_ns = start_of(self._path, set(self._topics), options.start_offset)
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
@@ -113,16 +113,16 @@ class Player(ParameterNode):
         if not self._next:
             self._end()
             return 0.0
-        return min(max(self._next[0] - self._now(), 0) / SECOND / self._rate, self._until_clock())
+        return min(max(self._next[0] - self._now(), 0) / SECOND / self._rate, self._until_time())
 
-    def _until_clock(self) -> float:
-        return min(max(self._clock_at - monotonic(), 0.0), IDLE) if self._clock else IDLE
+    def _until_time(self) -> float:
+        return min(max(self._time_at - monotonic(), 0.0), IDLE) if self._time else IDLE
 
     def _tell_time(self, now: int) -> None:
         rate = self.parameters.clock_rate
-        if self._clock and rate and monotonic() >= self._clock_at:
-            self._clock.publish(encode_time(*divmod(now, SECOND)))
-            self._clock_at = max(self._clock_at + 1.0 / rate, monotonic())
+        if self._time and rate and monotonic() >= self._time_at:
+            self._time.publish(encode_time(*divmod(now, SECOND)))
+            self._time_at = max(self._time_at + 1.0 / rate, monotonic())
 
     def _end(self) -> None:
         if self.parameters.loop:

@@ -79,13 +79,13 @@ def test_a_file_of_parameters_serves_as_well(record, replay):
 
 def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph, client, replay):
     bag, config = graph.folder / 'bag', CONFIG / 'time_varying.yaml'
-    states = client.listen('/joint_states', JointState)
+    commands = client.listen('/joint_commands', JointState)
     plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
                         'real_time_factor:=0.05')
     controller = graph.start('controller', config=config)
     client.spin_until(lambda: client.node.count_publishers('/joint_states'), 'the plant')
     recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
-    client.spin_until(lambda: states, 'states')
+    client.spin_until(lambda: len(commands) > 10, 'commands')
     for node, values in (('controller', {'K': 12.0, 'D': 0.7}), ('plant_simulator', {'F_c': 0.3}),
                          ('controller', {'x_r': 0.2}), ('plant_simulator', {'m': 0.12}),
                          ('controller', {'alpha_ratio': 0.7, 'effort_limit': 300.0}),
@@ -96,8 +96,9 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     plant.says('published again')
     controller = graph.start('controller', '--ros-args', '--params-file', config, '-p',
                              'd_bar:=1.25')
-    seen = len(states)
-    client.spin_until(lambda: len(states) > seen + 100, 'more states')
+    # the recorder has asked: what is set now is a change, and not how the controller came
+    client.spin_until(lambda: b'parameters:/controller:' in (bag / 'bag_0.mcap').read_bytes(),
+                      'the parameters of the other controller')
     assert client.set('controller', x_r=-0.1).successful
     assert client.set('plant_simulator', F_c=1.5, real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
