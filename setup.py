@@ -5,8 +5,8 @@ from setuptools import find_packages, setup
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
-TOOLS = ['replay', 'sweep', 'paper_figures']
-ANALYSIS = ['matplotlib>=3.8', 'pyarrow']  # 200 MB that a robot does not need
+TOOLS = ['export_bag', 'replay', 'sweep', 'paper_figures']
+ANALYSIS = ['matplotlib>=3.8', 'pandas>=2.1', 'pyarrow']  # 250 MB that a robot does not need
 DASK = ['distributed']
 
 setup(
@@ -22,6 +22,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/layouts', sorted(glob('layouts/*'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{PACKAGE}/studies', sorted(glob('studies/*.yaml'))),
     ],

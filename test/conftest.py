@@ -242,3 +242,32 @@ def client(graph: Graph) -> Iterator[Client]:
         yield made
     finally:
         made.close()
+
+
+@pytest.fixture(scope='session')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """
+    Return a folder with two bags of real runs.
+
+    ``underdamped`` is of closed_loop; ``left`` of three processes in the namespace /left, with
+    varying damping and all topics.
+    """
+    folder = tmp_path_factory.mktemp('recorded')
+    graph = Graph(folder)
+    try:
+        composed = graph.start('closed_loop', '--ros-args', '-p',
+                               f'recorder:bag:={folder / "underdamped"}',
+                               config=CONFIG / 'underdamped.yaml')
+        assert composed.wait() == 0
+        left = ('--ros-args', '-r', '__ns:=/left', '--params-file', CONFIG / 'time_varying.yaml')
+        topics = '[setpoint, damping, recorder_progress, /clock, /diagnostics, /parameter_events]'
+        plant, *others = (
+            graph.start(name, *left, *more)
+            for name, *more in (('plant_simulator',), ('controller',), (
+                'recorder', '-p', f'bag:={folder / "left"}', '-p', f'topics:={topics}')))
+        assert plant.wait() == 0
+        for process in reversed(others):
+            assert process.interrupt() == 0
+    finally:
+        graph.close()
+    return folder

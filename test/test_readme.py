@@ -15,6 +15,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -27,6 +28,8 @@ FENCES = re.findall(r'^```(\w*)\n(.*?)^```', README, re.S | re.M)
 COMMANDS = [line for language, block in FENCES if language == 'bash'
             for line in block.splitlines()]
 PACKAGE = 'impulse_control_ros'
+NODES = ('plant_simulator', 'controller', 'recorder')
+VERBS = ('param', 'topic', 'service')
 
 
 @pytest.fixture(scope='module')
@@ -70,7 +73,7 @@ class Shell:
 
     def run(self, line):
         words = [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', line)]
-        verb = '_'.join(words[1:3]) if words[1] in ('param', 'topic', 'service') else words[1]
+        verb = '_'.join(words[1:3]) if words[1] in VERBS else words[1]
         outcome = getattr(self, verb)(*words[3:] if '_' in verb else words[2:])
         self.outcomes.append(outcome)
         return outcome
@@ -124,7 +127,7 @@ def ros2(verb):
 
 def test_every_command_of_the_readme_is_run_here_or_by_ci():
     known = {'make demo', 'make test', 'colcon build', 'source install/setup.bash'}
-    known |= {line for verb in ('run', 'param', 'topic', 'service') for line in ros2(verb)}
+    known |= {line for verb in ('run', *VERBS) for line in ros2(verb)}
     assert len(COMMANDS) > 10
     assert [line for line in COMMANDS if line not in known] == []
 
@@ -136,19 +139,35 @@ def test_the_workspace_can_be_sourced_and_finds_the_built_package(workspace):
     assert said.stdout.startswith(str(workspace / 'install'))
 
 
+def test_the_layouts_are_installed(workspace):
+    share = workspace / 'install' / PACKAGE / 'share' / PACKAGE
+    for path in (ROOT / 'layouts').iterdir():
+        assert (share / 'layouts' / path.name).read_text() == path.read_text()
+
+
 def test_the_composed_run_of_the_readme_is_recorded(shell):
     line = next(line for line in ros2('run') if ' closed_loop ' in line)
     process = shell.start(line)
     assert process.wait() == 0, process.output
     assert len(read(shell.graph.folder / 'underdamped').states) == 20_001
+    line = next(line for line in ros2('run') if ' export_bag ' in line)
+    assert shell.start(line).wait() == 0
+    assert len(pd.read_parquet(shell.graph.folder / 'underdamped.parquet')) == 20_001
+    code = next(block for _, block in FENCES if 'import to_pandas' in block)
+    said = subprocess.run(
+        [sys.executable, '-c', code.replace('runs/', '')], cwd=shell.graph.folder, check=True,
+        env=os.environ | {'MPLBACKEND': 'Agg'}, capture_output=True, text=True).stdout.split()
+    assert float(said[0]) > 0.375
+    assert said[1] == '10.0'
 
 
 def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
-    nodes = [shell.start(line) for line in ros2('run') if ' closed_loop ' not in line]
+    nodes = [shell.start(line) for line in ros2('run') if line.split()[3] in NODES]
     assert len(nodes) == 3
     nodes[0].says('running from')
     for line in COMMANDS[COMMANDS.index(ros2('param')[0]):]:
-        shell.run(line)
+        if line.split()[1] in VERBS:
+            shell.run(line)
     assert 12.0 in shell.outcomes
     shell.client.spin_until(lambda: shell.client.get('controller', 'x_r') == [0.1], 'x_r')
     for process in nodes:

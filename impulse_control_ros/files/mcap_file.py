@@ -5,7 +5,7 @@ The records are those of the mcap library; what is ours is the way messages get 
 `Writer` makes an object and a dozen calls for each message, which is half the cost of a recorded
 10 kHz step; here a message is one struct.pack, and an index one per chunk and channel. Schemas
 and channels stand before the chunks, so each chunk is whole by itself; a chunk goes to the
-operating system once it is full.
+operating system once it is full and time goes on, so that no two overlap in time.
 """
 
 from collections.abc import Callable, Iterable
@@ -34,6 +34,7 @@ import zstandard
 
 MAGIC = b'\x89MCAP0\r\n'
 CHUNK_SIZE = 512 * 1024
+LARGEST_CHUNK = 1024 * 1024  # where time stands still
 COMPRESSIONS: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     'none': ('', bytes), 'lz4': ('lz4', lz4.frame.compress),
     'zstd': ('zstd', zstandard.ZstdCompressor().compress)}
@@ -99,6 +100,11 @@ class McapFile:
         last, at, counts = self.last, self._size, self.counts
         append, pack = self._parts.append, _MESSAGE.pack
         for stamp, channel, data in messages:
+            size = _MESSAGE.size + len(data)
+            if at > CHUNK_SIZE and (stamp > last or at + size > LARGEST_CHUNK):
+                self.last = last
+                self.end_chunk()
+                at, append = 0, self._parts.append
             if stamp > last:
                 last = stamp
             counts[channel] = sequence = counts[channel] + 1
@@ -109,11 +115,7 @@ class McapFile:
                 index = self._indices[channel] = []
             index.append(last)
             index.append(at)
-            at += _MESSAGE.size + len(data)
-            if at > CHUNK_SIZE:
-                self.last = last
-                self.end_chunk()
-                at, append = 0, self._parts.append
+            at += size
         self.last, self._size = last, at
 
     def end_chunk(self) -> None:
@@ -147,8 +149,9 @@ class McapFile:
         self.end_chunk()
         self._file.write(encoded([DataEnd(0)]))
         statistics = Statistics(
-            attachment_count=0, channel_count=len(self._channels),
-            channel_message_counts=self.counts, chunk_count=len(self._chunks),
+            attachment_count=0, channel_count=len(self._channels), channel_message_counts={
+                channel: count for channel, count in self.counts.items() if count},
+            chunk_count=len(self._chunks),
             message_count=sum(self.counts.values()), message_start_time=self.first,
             message_end_time=self.last, metadata_count=len(self._metadata),
             schema_count=len(self._schemas))

@@ -25,3 +25,9 @@ def paper_figures() -> int:
     """Draw the paper's figures; it may be left at any moment."""
     StopRequest(patience=0)
     return int(import_module('impulse_control_ros.tools.paper.command').main())
+
+
+def export_bag() -> int:
+    """Write a bag as a table; it may be left at any moment."""
+    StopRequest(patience=0)
+    return int(import_module('impulse_control_ros.tools.export').main())

@@ -1,5 +1,6 @@
 """Bags, read back by independent readers, finished or cut off."""
 
+import itertools
 from pathlib import Path
 
 from hypothesis import given, settings, strategies as st
@@ -84,7 +85,7 @@ def test_the_mcap_reader_agrees_on_checksums_statistics_and_index(tmp_path, comp
         names = [record.name for record in reader.iter_metadata()]
     statistics = summary.statistics
     assert len(messages) == statistics.message_count == 20_100
-    assert statistics.channel_message_counts == {1: 10_000, 2: 100, 3: 10_000, 4: 0}
+    assert statistics.channel_message_counts == {1: 10_000, 2: 100, 3: 10_000}
     assert (statistics.message_start_time, statistics.message_end_time) == (
         START, START + 9_999 * STEP)
     assert len(summary.chunk_indexes) == statistics.chunk_count > 3
@@ -113,6 +114,27 @@ def test_log_times_never_go_back_whatever_is_given(tmp_path):
     with (tmp_path / 'run' / 'run_0.mcap').open('rb') as stream:
         last = list(make_reader(stream).iter_messages())[-1][2]
     assert (last.log_time, last.publish_time) == (START + 9 * STEP, START)
+
+
+def chunks_of(path):
+    with path.open('rb') as stream:
+        return make_reader(stream).get_summary().chunk_indexes
+
+
+def test_no_two_chunks_overlap_in_time(tmp_path):
+    chunks = chunks_of(finished(tmp_path / 'run') / 'run_0.mcap')
+    assert len(chunks) > 3
+    for before, after in itertools.pairwise(chunks):
+        assert before.message_end_time < after.message_start_time
+
+
+def test_a_chunk_has_at_most_a_mebibyte_even_while_time_stands_still(tmp_path):
+    writer = begun(tmp_path / 'run', 0)
+    writer.write((START, 1, STATE.encode(1, 0, float(k), 0.0, 0.0)) for k in range(20_000))
+    writer.close()
+    sizes = [chunk.uncompressed_size for chunk in chunks_of(tmp_path / 'run' / 'run_0.mcap')]
+    assert len(sizes) == 3
+    assert max(sizes) <= 2**20
 
 
 def test_the_metadata_file_is_that_of_jazzy(tmp_path):

@@ -1,0 +1,125 @@
+"""
+A bag as one tidy table: a row for each sample, in the order of time.
+
+    column        unit
+    time          s      since the first sample
+    stamp_ns      ns     stamp of the sample, as it is in the messages
+    position      m      of the state
+    velocity      m/s    of the state
+    effort        N      applied over the sample before it
+    command       N      effort commanded for this state
+    impulse_area  N s    of the impulse that this state caused, 0 where none
+    guard                that fired, '' where none
+    damping       N s/m  where it was published at this sample
+    marked               whether a run starts here, or is reset
+
+Numbers have the bits of the messages. What is not recorded at a sample is NaN, and empty in a
+file. Parameters, their changes, units and the recorder's receipt are in ``DataFrame.attrs`` and in
+the metadata of a Parquet file; a CSV file has no room for them.
+"""
+
+from collections.abc import Mapping
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.recording import read, Recording
+from impulse_control_ros.files.replaced import replaced
+
+UNITS = {'time': 's', 'stamp_ns': 'ns', 'position': 'm', 'velocity': 'm/s', 'effort': 'N',
+         'command': 'N', 'impulse_area': 'N s', 'guard': '', 'damping': 'N s/m', 'marked': ''}
+KEY = 'impulse_control_ros'
+PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
+
+
+def to_numpy(bag: str | Path) -> np.ndarray:
+    """Return a structured array of shape (n,), see above; raises `BagError` for what is no bag."""
+    columns = columns_of(sampled(bag))
+    columns['guard'] = np.array(GUARDS)[columns['guard']]
+    table = np.empty(len(columns['time']), [
+        (name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def to_pandas(bag: str | Path) -> Any:
+    """Return a `pandas.DataFrame`, see above; raises `BagError` for what is no bag."""
+    table = to_arrow(bag)
+    frame = table.to_pandas()
+    frame.attrs = json.loads(table.schema.metadata[KEY.encode()])
+    return frame
+
+
+def to_parquet(bag: str | Path, file: str | Path) -> int:
+    """Write ``file`` anew; returns the rows. Raises `BagError`, and `OSError` for the file."""
+    import pyarrow.parquet as pq
+
+    table = to_arrow(bag)
+    with replaced(Path(file)) as path:
+        pq.write_table(table, path, compression='zstd', use_dictionary=['guard'],
+                       write_page_checksum=True)
+    return len(table)
+
+
+def to_csv(bag: str | Path, file: str | Path) -> int:
+    """Write ``file`` anew, numbers in the shortest form that is read back as the same bits."""
+    from pyarrow.csv import write_csv, WriteOptions
+
+    table = to_arrow(bag)
+    with replaced(Path(file)) as path:
+        write_csv(table, path, WriteOptions(quoting_style='none', quoting_header='none'))
+    return len(table)
+
+
+def to_arrow(bag: str | Path) -> Any:
+    """Return a `pyarrow.Table`, see above; raises `BagError` for what is no bag."""
+    import pyarrow as pa
+
+    run = sampled(bag)
+    columns = columns_of(run)
+    arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}
+    arrays['guard'] = pa.DictionaryArray.from_arrays(arrays['guard'], GUARDS)
+    about = json.dumps(provenance(run))
+    return pa.table(list(arrays.values()), schema=pa.schema(
+        [pa.field(name, array.type, metadata={'unit': UNITS[name]})
+         for name, array in arrays.items()],
+        metadata={KEY: about, PANDAS_KEY: about}))
+
+
+def sampled(bag: str | Path) -> Recording:
+    """Return a bag that has samples."""
+    run = read(bag)
+    if not len(run.states):
+        raise BagError(f'bag {str(bag)!r} has no samples')
+    return run
+
+
+def columns_of(run: Recording) -> dict[str, np.ndarray]:
+    """Return the columns, each of shape (n,), with guards as their numbers in GUARDS."""
+    series = (run.states, run.commands, run.impulses, run.damping)
+    stamp = np.unique(np.concatenate([rows['stamp'] for rows in series]))
+
+    def column(rows: np.ndarray, name: str, otherwise: Any = np.nan) -> np.ndarray:
+        made = np.full(len(stamp), otherwise)
+        made[np.searchsorted(stamp, rows['stamp'])] = rows[name]
+        return made
+
+    return {
+        'time': (stamp - stamp[0]) / SECOND, 'stamp_ns': stamp,
+        'position': column(run.states, 'position'), 'velocity': column(run.states, 'velocity'),
+        'effort': column(run.states, 'effort'), 'command': column(run.commands, 'effort'),
+        'impulse_area': column(run.impulses, 'area', 0.0),
+        'guard': column(run.impulses, 'guard', np.int8(0)),
+        'damping': column(run.damping, 'damping'), 'marked': column(run.states, 'marked', False)}
+
+
+def provenance(run: Recording) -> Mapping[str, Any]:
+    """Return what a bag says about its run."""
+    return {'units': UNITS, 'parameters': run.parameters,
+            'changes': [change._asdict() for change in run.changes], 'receipt': run.receipt}

@@ -1,0 +1,60 @@
+"""``export_bag``: a bag as one table, for pandas, a spreadsheet or what reads Parquet."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+
+EPILOG = """\
+The table has a row for each sample: time, stamp_ns, position, velocity, effort (applied), command,
+impulse_area, guard, damping, marked (a run starts, or is reset); docs/bags.md explains them. A
+Parquet file has the parameters too, which pandas shows as DataFrame.attrs. A file of that name is
+replaced."""
+SUFFIXES = ('.parquet', '.csv')
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(
+        prog='export_bag', description='Write a bag as one table.', epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('bag', metavar='BAG', type=Path, help='folder or .mcap file')
+    parser.add_argument('file', metavar='FILE.parquet|FILE.csv', type=Path,
+                        help='the ending says which')
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Be the whole of the executable; returns the exit status.
+
+    0: done; 2: bad arguments or bag; 1: anything else; said in one line.
+    """
+    options = parse(arguments)
+    bag, file = options.bag, options.file
+    if file.suffix not in SUFFIXES:
+        return leave(f'{file} is refused: allowed are the endings {" and ".join(SUFFIXES)}', 2)
+    if file.is_dir() or not file.parent.is_dir():
+        return leave(f'{file} is refused: allowed is a file in a folder that exists', 2)
+    try:
+        import pyarrow  # noqa: F401 (it may be missing)
+
+        from impulse_control_ros.files.columns import BagError
+        from impulse_control_ros.files.export import to_csv, to_parquet
+    except ModuleNotFoundError as error:
+        return leave(f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
+                     'pip install pyarrow', 1)
+    try:
+        rows = (to_csv if file.suffix == '.csv' else to_parquet)(bag, file)
+    except BagError as error:
+        return leave(error, 2)
+    except OSError as error:
+        return leave(f'{file}: {error.strerror or error}', 1)
+    print(f'export_bag: {file} has {rows} rows')
+    return 0
+
+
+def leave(why: object, status: int) -> int:
+    """Say why it ends; returns ``status``."""
+    print(f'export_bag: {why}', file=sys.stderr)
+    return status

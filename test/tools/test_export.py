@@ -1,0 +1,69 @@
+"""``export_bag`` as a process."""
+
+import pandas as pd
+import pytest
+
+from impulse_control_ros.files.export import to_pandas
+from test.conftest import BIN, Process
+
+
+@pytest.fixture
+def export(tmp_path):
+    started = []
+
+    def run(*arguments):
+        started.append(Process('export_bag', [str(BIN / 'export_bag'), *map(str, arguments)],
+                               tmp_path / f'{len(started)}.log', {}))
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.kill()
+
+
+def test_a_bag_becomes_a_parquet_file_that_pandas_reads(export, recorded, tmp_path):
+    process = export(recorded / 'left', tmp_path / 'run.parquet')
+    assert process.wait() == 0
+    assert process.output == f'export_bag: {tmp_path}/run.parquet has 20001 rows\n'
+    assert pd.read_parquet(tmp_path / 'run.parquet').equals(to_pandas(recorded / 'left'))
+
+
+def test_a_bag_becomes_a_csv_file_and_replaces_the_one_before(export, recorded, tmp_path):
+    file = tmp_path / 'run.csv'
+    for bag in ('left', 'underdamped'):
+        assert export(recorded / bag, file).wait() == 0
+    frame = pd.read_csv(file)
+    assert len(frame) == 20_001
+    assert (frame['position'] == to_pandas(recorded / 'underdamped')['position']).all()
+
+
+def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_path):
+    assert export(recorded / 'left' / 'left_0.mcap', tmp_path / 'run.csv').wait() == 0
+
+
+@pytest.mark.parametrize(('bag', 'file', 'said'), [
+    ('left', 'run.xlsx', 'run.xlsx is refused: allowed are the endings .parquet and .csv'),
+    ('left', 'none/run.csv', 'none/run.csv is refused: allowed is a file in a folder that exists'),
+    ('nothing', 'run.csv', "nothing' has 0 .mcap files; 1 is expected"),
+    ('broken.mcap', 'run.csv', 'broken.mcap: '),
+])
+def test_bad_input_is_one_line_that_names_it_and_leaves_no_file(
+        export, recorded, tmp_path, bag, file, said):
+    bags = {'broken.mcap': tmp_path / 'broken.mcap'}
+    (tmp_path / 'broken.mcap').write_bytes(b'no bag at all')
+    process = export(bags.get(bag, recorded / bag), tmp_path / file)
+    assert process.wait() == 2
+    assert said in process.output
+    assert len(process.output.splitlines()) == 1
+    assert not list(tmp_path.glob('*run*'))
+
+
+def test_a_file_that_cannot_be_written_is_named(export, recorded, tmp_path):
+    (tmp_path / 'run.csv').mkdir()
+    process = export(recorded / 'left', tmp_path / 'run.csv')
+    assert process.wait() == 2
+    assert 'run.csv is refused: allowed is a file' in process.output
+    process = export(recorded / 'left', '/proc/run.csv')
+    assert process.wait() == 1
+    assert process.output.startswith('export_bag: /proc/run.csv: ')
+    assert len(process.output.splitlines()) == 1
