@@ -150,6 +150,8 @@ def test_the_composed_run_of_the_readme_is_recorded(shell):
     process = shell.start(line)
     assert process.wait() == 0, process.output
     assert len(read(shell.graph.folder / 'underdamped').states) == 20_001
+    replays = [shell.start(line) for line in ros2('run') if ' replay ' in line]
+    assert [process.wait() for process in replays] == [0, 0, 1]
     line = next(line for line in ros2('run') if ' export_bag ' in line)
     assert shell.start(line).wait() == 0
     assert len(pd.read_parquet(shell.graph.folder / 'underdamped.parquet')) == 20_001
