@@ -75,6 +75,8 @@ def storage_file(bag: str | Path) -> Path:
     path = Path(bag)
     if path.is_file():
         return path
+    if not path.exists():
+        raise BagError(f'bag {str(bag)!r} does not exist')
     found = sorted(path.glob('*.mcap'))
     if len(found) != 1:
         raise BagError(f'bag {str(bag)!r} has {len(found)} .mcap files; 1 is expected')
