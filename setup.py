@@ -18,7 +18,7 @@ setup(
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'tools/analyze/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

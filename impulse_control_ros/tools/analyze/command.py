@@ -14,6 +14,7 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from impulse_control_ros.files.replaced import replaced
 from impulse_control_ros.tools.arguments import Parser, UsageError
 
 if TYPE_CHECKING:
@@ -117,7 +118,17 @@ def analyze(arguments: Sequence[str]) -> None:
     for run in runs_of(options.bags):
         responses += responses_of(run, options.every)
         runs.append(run)
-    print(FORMATS[options.format](responses))
+    print(FORMATS[options.format](responses), flush=True)
+    if options.report:
+        from impulse_control_ros.tools.analyze.report import report
+        write(options.report, report(runs, responses).encode())
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file as a whole, and say so beside the result."""
+    with replaced(path) as made:
+        made.write_bytes(content)
+    print(f'{NAME}: wrote {path}', file=sys.stderr)
 
 
 def status(arguments: Sequence[str]) -> int:
