@@ -122,6 +122,9 @@ def analyze(arguments: Sequence[str]) -> None:
     if options.report:
         from impulse_control_ros.tools.analyze.report import report
         write(options.report, report(runs, responses).encode())
+    if options.figure:
+        from impulse_control_ros.tools.analyze.drawing import figure
+        write(options.figure, figure(runs, options.figure.suffix[1:]))
 
 
 def write(path: Path, content: bytes) -> None:

@@ -15,12 +15,15 @@ const PANELS = [
 ];
 const LEFT = 58;  // pixels
 const RIGHT = 12;
+const TOP = 40;
+const BOTTOM = 44;
 const PANEL = 150;
 const GAP = 34;
-const FEW = 400;  // samples are drawn as points while they are fewer
+const WIDE = 6;  // pixels between samples at which they are drawn as points
 const CONFIG = {
   responsive: true, displaylogo: false, displayModeBar: true, doubleClick: 'reset',
-  modeBarButtonsToRemove: ['autoScale2d', 'select2d', 'lasso2d'],
+  // these alone: one of the others sends the data to a server
+  modeBarButtons: [['zoom2d', 'pan2d', 'zoomIn2d', 'zoomOut2d', 'resetScale2d', 'toImage']],
 };
 const GREY = '#8c959f';
 const LAYOUT = {
@@ -71,9 +74,10 @@ function panels() {
 function timeLayout() {
   const count = panels().length;
   const height = count * PANEL + (count - 1) * GAP;
+  document.getElementById('time').style.height = `${height + TOP + BOTTOM}px`;
   const layout = {
-    ...LAYOUT, height: height + 76, margin: {l: LEFT, r: RIGHT, t: 40, b: 36}, annotations: [],
-    xaxis: {...AXIS, range: [0, end()], anchor: `y${count}`, title: {text: 'time [s]'}},
+    ...LAYOUT, margin: {l: LEFT, r: RIGHT, t: TOP, b: BOTTOM}, annotations: [],
+    xaxis: {...AXIS, range: [-0.01 * end(), 1.01 * end()], anchor: `y${count}`, title: {text: 'time [s]'}},
   };
   panels().forEach(({title}, number) => {
     const top = 1 - number * (PANEL + GAP) / height;
@@ -106,9 +110,9 @@ function drawTime(layout) {
         all = all && part.all;
       }
       traces.push({
-        ...part, ...axis, name: run.name, meta: key, type: 'scatter', line: {color: run.color, width: 1.4},
-        mode: part.x.length < FEW && part.all ? 'lines+markers' : 'lines', marker: {size: 4},
-        hovertemplate: '%{y:.6g} at %{x:.6g} s'});
+        ...part, ...axis, name: run.name, meta: key, type: 'scatter',
+        mode: WIDE * part.count < bins('time') ? 'lines+markers' : 'lines', marker: {size: 4},
+        line: {color: run.color, width: 1.4}, hovertemplate: '%{y:.6g} at %{x:.6g} s'});
       if (marked) traces.push(...guardMarks(run, key, from, to).map((one) => ({...one, ...axis})));
     }
   });
@@ -122,7 +126,8 @@ function drawTime(layout) {
 /** Return the line of the set-point. */
 function setpointLine(run, from, to) {
   return {...thinned(run.time, run.setpoint, from, to, bins('time')), name: 'x_r', mode: 'lines',
-          meta: 'setpoint', hoverinfo: 'skip', line: {color: GREY, width: 1, dash: 'dash', shape: 'hv'}};
+          meta: 'setpoint', hoverinfo: 'skip', type: 'scatter',
+          line: {color: GREY, width: 1, dash: 'dash', shape: 'hv'}};
 }
 
 /** Return the impulses of each guard as points on a series. */
@@ -133,7 +138,7 @@ function guardMarks(run, key, from, to) {
     const values = Float32Array.from(at, (i) => run[key][i]);
     const part = thinned(times, values, from, to, bins('time'));
     return {...part, name, meta: key, mode: 'markers', type: 'scatter',
-            marker: mark(name), hovertemplate: `${GUARDS[name].words}<br>%{y:.6g} at %{x:.6g} s`};
+            marker: mark(name, 4 * part.x.length < bins('time') ? 7 : 3), hovertemplate: `${GUARDS[name].words}<br>%{y:.6g} at %{x:.6g} s`};
   });
 }
 
@@ -143,9 +148,8 @@ function shownGuards(run) {
 }
 
 /** Return the look of a guard's points. */
-function mark(name) {
-  return {color: GUARDS[name].color, symbol: GUARDS[name].symbol, size: 6,
-          line: {color: '#fff', width: 0.5}};
+function mark(name, size) {
+  return {color: GUARDS[name].color, symbol: GUARDS[name].symbol, size, line: {width: 0}};
 }
 
 /** Return the width of what a plot draws in, in pixels. */
@@ -183,7 +187,7 @@ function phaseLayout({x, y}) {
   const line = {type: 'line', layer: 'below', line: {color: GREY, width: 1.5}};
   const note = {showarrow: false, font: {color: '#57606a', size: 11}};
   return {
-    ...LAYOUT, height: 420, margin: {l: LEFT, r: RIGHT, t: 40, b: 44},
+    ...LAYOUT, margin: {l: LEFT, r: RIGHT, t: TOP, b: BOTTOM},
     xaxis: {...AXIS, nticks: 6, range: x, title: {text: 'error e [m]'}},
     yaxis: {...AXIS, range: y, title: {text: 'velocity v [m/s]', standoff: 4}},
     shapes: [{...line, x0: 0, x1: 0, yref: 'paper', y0: 0, y1: 1},
@@ -196,19 +200,19 @@ function phaseLayout({x, y}) {
 /** Draw what a phase plane shows. */
 function drawPhase(id, layout) {
   const box = {x: layout.xaxis.range, y: layout.yaxis.range, width: bins(id),
-               height: layout.height - layout.margin.t - layout.margin.b};
+               height: document.getElementById(id).clientHeight - TOP - BOTTOM};
   const traces = [];
   for (const run of runs.filter((one) => !hidden.has(one.name))) {
     const line = path(run.error, run.velocity, box);
-    traces.push({...line, name: run.name, mode: line.x.length < FEW ? 'lines+markers' : 'lines',
-                 marker: {size: 4}, line: {color: run.color, width: 1.4}, type: 'scatter',
+    traces.push({...line, name: run.name, marker: {size: 4},
+                 mode: WIDE * line.x.length < box.width ? 'lines+markers' : 'lines', line: {color: run.color, width: 1.4}, type: 'scatter',
                  hovertemplate: 'e = %{x:.6g} m<br>v = %{y:.6g} m/s'});
     for (const name of shownGuards(run)) {
       const {x, y} = jumps(run.error, run.velocity, run.fired[name], box);
       const size = x.map((_, i) => (i % 3 ? 0 : 7));  // at the beginning of each line alone
       traces.push({x, y, name, mode: 'lines+markers', type: 'scatter', hovertemplate:
                    `${GUARDS[name].words}<br>e = %{x:.6g} m<br>v = %{y:.6g} m/s`,
-                   marker: {...mark(name), size}, line: {color: GUARDS[name].color, width: 1}});
+                   marker: mark(name, size), line: {color: GUARDS[name].color, width: 1}});
     }
   }
   Plotly.react(id, traces, layout, CONFIG);
@@ -245,36 +249,40 @@ function button(name, text, shape, color) {
   return made;
 }
 
-/** Fill a table with rows of texts, the first one as the head; rows that differ stand out. */
+/** Fill a table with rows of texts: heads, then values; rows of values that differ stand out. */
 function fillTable(id, rows, compare = false) {
   const table = document.getElementById(id);
   rows.forEach((cells, number) => {
+    const isHead = number === 0 || cells.length === 1;
     const row = table.insertRow();
-    row.classList.toggle('differs', compare && number > 0 && new Set(cells.slice(1)).size > 1);
+    row.classList.toggle('differs', compare && !isHead && new Set(cells.slice(1)).size > 1);
     for (const cell of cells) {
-      const made = number ? row.insertCell() : row.appendChild(document.createElement('th'));
+      const made = isHead ? row.appendChild(document.createElement('th')) : row.insertCell();
       made.textContent = cell;
+      if (cells.length === 1) made.colSpan = rows[0].length;
     }
   });
 }
 
-/** Return the rows of a table with a column for each run, of what texts() gives of it. */
-function byRun(texts) {
-  const columns = runs.map(texts);
+/** Return rows with a column for each run, of the texts by name that each gives. */
+function byRun(textsOf) {
+  const columns = runs.map(textsOf);
   const names = new Set(columns.flatMap((column) => Object.keys(column)));
-  return [['', ...runs.map((run) => run.name)],
-          ...[...names].map((name) => [name, ...columns.map((column) => column[name] ?? '')])];
+  return [...names].map((name) => [name, ...columns.map((column) => column[name] ?? '')]);
 }
 
-/** Return the parameters of all nodes of a run, and their changes, by one name each. */
-function parametersOf(run) {
-  const result = {};
-  const add = (prefix, values) => Object.entries(values).forEach(([name, value]) => {
-    result[`${prefix} ${name}`] = value;
-  });
-  Object.entries(run.parameters).forEach(([node, values]) => add(node, values));
-  for (const [when, node, values] of run.changes) add(`from ${when} on: ${node}`, values);
-  return result;
+/** Return the rows of the parameters of all nodes, and of their changes in a run. */
+function parameterRows() {
+  const nodes = new Set(runs.flatMap((run) => Object.keys(run.parameters)));
+  const rows = [];
+  for (const node of nodes) rows.push([node], ...byRun((run) => run.parameters[node] ?? {}));
+  runs.forEach((run, number) => run.changes.forEach(([when, node, values]) => {
+    rows.push([`${node}, from ${when} on`]);
+    for (const [name, value] of Object.entries(values)) {
+      rows.push([name, ...runs.map((_, at) => (at === number ? value : ''))]);
+    }
+  }));
+  return rows;
 }
 
 // -- all of it --------------------------------------------------------------------------------
@@ -288,7 +296,7 @@ function drawAll() {
   for (const id of ['phase', 'near']) drawPhase(id, document.getElementById(id).layout);
 }
 
-/** Draw a plot, and again whenever it is zoomed. */
+/** Draw a plot, and again whenever it is zoomed or gets another size. */
 function begin(id, layout, draw) {
   draw(layout);
   const plot = document.getElementById(id);
@@ -303,15 +311,15 @@ async function main() {
   for (const [number, fact] of facts.runs.entries()) runs.push(await loaded(fact, number));
   fillLegend();
   fillTable('figures', facts.table);
-  fillTable('parameters', byRun(parametersOf), true);
-  fillTable('provenance', byRun((run) => run.provenance));
+  const head = ['', ...runs.map((run) => run.name)];
+  fillTable('parameters', [head, ...parameterRows()], true);
+  fillTable('provenance', [head, ...byRun((run) => run.provenance)]);
   begin('time', timeLayout(), drawTime);
   for (const [id, range] of Object.entries(ranges())) {
     begin(id, phaseLayout(range), (layout) => drawPhase(id, layout));
   }
-  window.addEventListener('resize', drawAll);
-  document.getElementById('status').textContent = `impulse_control_ros ${facts.version}. Drag over `
-    + 'a plot to zoom, double-click to see all again; on a touch screen use the buttons above it.';
+  document.getElementById('status').textContent = `impulse_control_ros ${facts.version}. Drag `
+    + 'over a plot to zoom, double-click to see all; on a touch screen use the buttons above it.';
   document.body.dataset.ready = 'yes';
 }
 

@@ -51,7 +51,8 @@ function thinned(times, values, from, to, bins) {
   const y = [];
   let i = first;
   for (let bin = 1; bin <= bins + 1 && i < last; bin++) {
-    const end = bin > bins ? last : Math.min(last, firstAt(times, from + (to - from) * bin / bins));
+    const border = from + (to - from) * bin / bins;
+    const end = bin > bins ? last : Math.min(last, firstAt(times, border));
     if (i >= end) continue;
     let least = i;
     let largest = i;
@@ -70,20 +71,21 @@ function thinned(times, values, from, to, bins) {
 /**
  * Return functions of sample numbers on the plane of xs and ys, seen through a box.
  *
- * The box is {x: [low, high], y: [low, high], width, height}, the latter in pixels. cell(i) numbers
- * the pixel of a sample, those far outside together; touches(i, j) is false where no part of the
- * line between the two can be seen; isNew(i, j) is true once for all lines between two pixels.
+ * The box is {x: [low, high], y: [low, high], width, height}, the latter in pixels. cell(i)
+ * numbers the pixel of a sample, those far outside together; touches(i, j) is false where no part
+ * of the line between the two can be seen; isNew(i, j) is true once for all lines between two
+ * pixels.
  */
 function plane(xs, ys, box) {
-  const columns = 9 * box.width;
-  const rows = 9 * box.height;
+  const columns = 9 * box.width + 1;
+  const rows = 9 * box.height + 1;
   const place = (value, [low, high], pixels) => Math.floor(
     Math.min(Math.max((value - low) / (high - low) + 4, 0), 9) * pixels);
   const apart = (a, b, [low, high]) => Math.max(a, b) < low || Math.min(a, b) > high;
-  const cell = (i) => place(xs[i], box.x, box.width) * (rows + 1) + place(ys[i], box.y, box.height);
+  const cell = (i) => place(xs[i], box.x, box.width) * rows + place(ys[i], box.y, box.height);
   const touches = (i, j) => !apart(xs[i], xs[j], box.x) && !apart(ys[i], ys[j], box.y);
   const seen = new Set();
-  const isNew = (i, j) => seen.size < seen.add(cell(i) * (columns + 1) * (rows + 1) + cell(j)).size;
+  const isNew = (i, j) => seen.size < seen.add(cell(i) * columns * rows + cell(j)).size;
   return {cell, touches, isNew};
 }
 
