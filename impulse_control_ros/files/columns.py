@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 import struct
 from typing import Any, IO, NamedTuple
+import zlib
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -28,6 +29,8 @@ BROKEN = (McapError, OSError, ValueError, RuntimeError, LookupError, MemoryError
           struct.error, ZstdError)
 AHEAD = 9  # opcode and length stand before each record
 SCHEMA, CHANNEL, MESSAGE = int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)
+DATA_END, FOOTER = struct.Struct('<BQI'), struct.Struct('<QQI')
+BLOCK = 2**20
 HEADER = np.dtype({'names': ['opcode', 'length', 'channel', 'log_time', 'publish_time'],
                    'formats': ['u1', '<u8', '<u2', '<u8', '<u8'],
                    'offsets': [0, 1, 9, 15, 23], 'itemsize': 31})
@@ -93,6 +96,7 @@ def columns(path: Path) -> Iterator[Item]:
         if summary is None:
             yield from in_sequence(stream, finished)
             return
+        require_checksum(stream)
         yield from reader.iter_metadata()
         yield from summary.schemas.values()
         yield from summary.channels.values()
@@ -109,6 +113,23 @@ def ends_with_magic(stream: IO[bytes]) -> bool:
     """Tell a file that its writer has finished."""
     stream.seek(max(MAGIC_SIZE, stream.seek(0, os.SEEK_END) - MAGIC_SIZE))
     return stream.read() == MAGIC
+
+
+def require_checksum(stream: IO[bytes]) -> None:
+    """Raise ValueError where the data section of a finished file is not what was written."""
+    stream.seek(-MAGIC_SIZE - FOOTER.size, os.SEEK_END)
+    summary_start, *_ = FOOTER.unpack(stream.read(FOOTER.size))
+    stream.seek(summary_start - DATA_END.size)
+    opcode, _, expected = DATA_END.unpack(stream.read(DATA_END.size))
+    if opcode != Opcode.DATA_END or not expected:
+        return
+    checksum, left = 0, stream.seek(summary_start - DATA_END.size)
+    stream.seek(0)
+    while left:
+        block = stream.read(min(left, BLOCK))
+        checksum, left = zlib.crc32(block, checksum), left - len(block)
+    if checksum != expected:
+        raise ValueError('it is damaged: its checksum is another')
 
 
 def in_sequence(stream: IO[bytes], finished: bool) -> Iterator[Item]:
