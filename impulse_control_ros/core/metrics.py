@@ -36,6 +36,8 @@ import numpy as np
 from impulse_control_ros.core.impulse import POSITION_ZERO, STICKING, VELOCITY_ZERO
 from impulse_control_ros.core.kernel import compiled, sign
 
+ROUNDING = 1e-9  # share of an effort, or of 1 N, that is no difference
+
 
 class Sums(NamedTuple):
     """What a run adds up, sample by sample."""
@@ -119,7 +121,7 @@ def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np
     """
     excess = effort - feedback
     place = np.arange(len(effort))
-    differs = np.abs(excess) > 1e-9 * np.maximum(1.0, np.abs(effort))
+    differs = np.abs(excess) > ROUNDING * np.maximum(1.0, np.abs(effort))
     last_fired = np.maximum.accumulate(np.where(fired, place, -1))
     last_alike = np.maximum.accumulate(np.where(differs, -1, place))
     return np.where(differs & (last_fired > last_alike), excess, 0.0)

@@ -26,10 +26,10 @@ A figure of merit is measured over one response: from the last change of the set
 last reset, or the start) to the end of the bag; with --all over each one, BAG:1, BAG:2 and so on.
 Settling times count from there; 'from' and 'to' count from the first state. The error is x - x_r,
 with the x_r that the bag tells for each sample; the overshoot is on the side opposite of where the
-response begins. The effort is what acted from each state to the next, as the next state tells it;
-its impulsive part is what it has beside the feedback -K e - D v from the sample of an impulse on.
-Work is the sum of effort times way, exact, as the effort is held over each sample. Stuck is v = 0
-with e != 0 in two samples or more. Units are SI; names in JSON and CSV are those of the table.
+response begins. The effort is that of the command that answers each state; its impulsive part is
+what it has beside the feedback -K e - D v from the sample of an impulse on. Work is the sum of the
+effort that acted from each state to the next times the way, exact, as it is held over the sample.
+Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
 
 A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning."""
 

@@ -10,6 +10,7 @@ from plotly.offline import get_plotlyjs
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metrics import ROUNDING
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.tools.analyze.packing import deflated, on_grid, packed
 from impulse_control_ros.tools.analyze.run import Run
@@ -49,8 +50,10 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     yield 'time', on_grid(states['stamp'] - states['stamp'][0])[0]
     yield 'error', run.error
     yield 'velocity', states['velocity']
-    yield 'feedback', run.feedback
     yield 'impulse', run.impulse
+    # the feedback is the law's, nearly always: nothing else is to be packed
+    rest = run.feedback - run.law
+    yield 'rest', np.where(np.abs(rest) > ROUNDING * np.maximum(1.0, np.abs(run.law)), rest, 0.0)
     yield 'fired', run.fired
     yield 'guard', run.recording.impulses['guard']
     yield 'damping_at', np.searchsorted(states['stamp'][:-1], damping['stamp'])
@@ -64,7 +67,7 @@ def facts_of(run: Run) -> dict[str, Any]:
         f'cut off: {recording.unread} bytes at the end could not be read')
     return {
         'name': run.name, 'count': len(stamps), 'unit': on_grid(stamps - stamps[0])[1] / SECOND,
-        'setpoints': [(setting.first, setting.values['x_r']) for setting in run.settings],
+        'settings': [{'first': setting.first, **setting.values} for setting in run.settings],
         'parameters': {node: texts(values.items()) for node, values in
                        recording.parameters.items()},
         'changes': [(f'{(change.stamp - stamps[0]) / SECOND:.9g} s', change.node,

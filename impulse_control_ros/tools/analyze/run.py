@@ -6,9 +6,11 @@ name            unit   meaning
 ==============  =====  ==================================================================
 time            s      since the first state, by the stamps
 error           m      e = x - x_r(t)
-effort          N      u that acted from each state to the next
-feedback        N      its PD part (4); all of it where the bag tells no gains
+effort          N      u of the command that answers each state
 impulse         N      its impulsive part
+feedback        N      the rest of it
+law             N      the feedback as the gains have it (4); 0 where the bag tells none
+applied         N      the effort that acted from each state to the next
 ==============  =====  ==================================================================
 """
 
@@ -25,14 +27,14 @@ from impulse_control_ros.core.metrics import impulsive
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import Recording
 
-FEEDBACK = {'K', 'D', 'effort_limit'}
+NO_GAINS = {'x_r': 0.0, 'K': 0.0, 'D': 0.0, 'effort_limit': 0.0}
 
 
 class Setting(NamedTuple):
-    """Parameters of the controller, by name, that act from the state ``first`` on."""
+    """Parameters of the controller, those of `NO_GAINS`, that act from the state ``first`` on."""
 
     first: int
-    values: Mapping[str, Any]
+    values: Mapping[str, float]
 
 
 def settings_of(recording: Recording) -> list[Setting]:
@@ -44,13 +46,18 @@ def settings_of(recording: Recording) -> list[Setting]:
     node = next((name for name, values in recording.parameters.items() if 'x_r' in values), None)
     if node is None:
         return []
-    settings = [Setting(0, recording.parameters[node])]
+    settings = [Setting(0, told(NO_GAINS, recording.parameters[node]))]
     for change in recording.changes:
         if change.node == node:
             first = int(np.searchsorted(recording.states['stamp'], change.stamp))
-            before = {} if change.anew else settings[-1].values
-            settings.append(Setting(first, {**before, **change.values}))
+            before = NO_GAINS if change.anew else settings[-1].values
+            settings.append(Setting(first, told(before, change.values)))
     return settings
+
+
+def told(before: Mapping[str, float], values: Mapping[str, Any]) -> Mapping[str, float]:
+    """Return what was set ``before``, with what is new among ``values``."""
+    return {name: values.get(name, value) for name, value in before.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +82,7 @@ class Run:
     @cached_property
     def settings(self) -> list[Setting]:
         """Return what the controller was set to; a set-point of 0 where nobody tells one."""
-        return settings_of(self.recording) or [Setting(0, {'x_r': 0.0})]
+        return settings_of(self.recording) or [Setting(0, NO_GAINS)]
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -86,38 +93,50 @@ class Run:
         return error
 
     @cached_property
-    def effort(self) -> np.ndarray:
+    def applied(self) -> np.ndarray:
         """Return the effort [N] from each state to the next, as the next one tells it, (n,)."""
-        effort = np.append(self.states['effort'][1:], 0.0)
-        commands = self.recording.commands
-        if len(commands) and commands['stamp'][-1] == self.states['stamp'][-1]:
-            effort[-1] = commands['effort'][-1]
+        return np.append(self.states['effort'][1:], 0.0)
+
+    @cached_property
+    def effort(self) -> np.ndarray:
+        """Return the effort [N] of each state's command, or what was applied without one, (n,)."""
+        effort, commands = self.applied.copy(), self.recording.commands
+        place = self._places(commands['stamp'])
+        answers = self.states['stamp'][place] == commands['stamp']
+        effort[place[answers]] = commands['effort'][answers]
         return effort
+
+    @cached_property
+    def law(self) -> np.ndarray:
+        """Return the feedback [N] that the gains give, shape (n,)."""
+        law = np.zeros(len(self.states))
+        for part, values in self._spans():
+            limit = values['effort_limit'] or np.inf
+            law[part] = np.clip(
+                -values['K'] * self.error[part] - values['D'] * self.states['velocity'][part],
+                -limit, limit)
+        return law
 
     @cached_property
     def fired(self) -> np.ndarray:
         """Return the index of the state of each impulse, shape (k,)."""
-        found = np.searchsorted(self.states['stamp'], self.recording.impulses['stamp'])
-        return np.minimum(found, len(self.states) - 1)
+        return self._places(self.recording.impulses['stamp'])
 
     @cached_property
     def impulse(self) -> np.ndarray:
         """Return the impulsive part of the effort [N], shape (n,)."""
-        feedback = self.effort.copy()
-        for part, values in self._spans():
-            if set(values) >= FEEDBACK:
-                limit = values['effort_limit'] or np.inf
-                wanted = -values['K'] * self.error[part] - values['D'] * (
-                    self.states['velocity'][part])
-                feedback[part] = np.clip(wanted, -limit, limit)
         fired = np.zeros(len(self.states), bool)
         fired[self.fired] = True
-        return impulsive(self.effort, feedback, fired)
+        return impulsive(self.effort, self.law, fired)
 
     @property
     def feedback(self) -> np.ndarray:
         """Return the effort without the impulses [N], shape (n,)."""
         return self.effort - self.impulse
+
+    def _places(self, stamps: np.ndarray) -> np.ndarray:
+        """Return the index of the state of each of ``stamps``, or of the next one."""
+        return np.minimum(np.searchsorted(self.states['stamp'], stamps), len(self.states) - 1)
 
     @cached_property
     def responses(self) -> list[slice]:
@@ -128,7 +147,7 @@ class Run:
         inside = sorted(start for start in starts if 0 < start < len(self.states))
         return [slice(*ends) for ends in pairwise([0, *inside, len(self.states)])]
 
-    def _spans(self) -> list[tuple[slice, Mapping[str, Any]]]:
+    def _spans(self) -> list[tuple[slice, Mapping[str, float]]]:
         """Return each setting with its span of states."""
         ends = [setting.first for setting in self.settings[1:]] + [len(self.states)]
         return [(slice(setting.first, end), setting.values)

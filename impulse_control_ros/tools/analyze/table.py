@@ -75,7 +75,7 @@ def figures_of(run: Run, span: slice) -> dict[str, Figure]:
         'ise': integral(time, size * size), 'final_error': float(error[-1]),
         'peak_velocity': peak(states['velocity']), 'peak_feedback': peak(run.feedback[span]),
         'peak_effort': peak(run.effort[span]), **impulses_of(run, span),
-        'work': work(states['position'], run.effort[span]),
+        'work': work(states['position'], run.applied[span]),
         'impulse_work': work(states['position'], run.impulse[span]),
         'stuck': intervals, 'stuck_time': stuck_time, 'samples': len(states),
         'missing': int(np.maximum(np.rint(steps / step) - 1, 0).sum())}

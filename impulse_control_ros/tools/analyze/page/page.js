@@ -41,14 +41,24 @@ async function loaded(fact, number) {
   const get = (name, Kind) => unpacked(`${number}.${name}`, Kind);
   const run = {...fact, color: COLORS[number % COLORS.length]};
   run.time = Float64Array.from(await get('time', Uint32Array), (tick) => tick * fact.unit);
-  for (const name of ['error', 'velocity', 'feedback', 'impulse', 'damping']) {
+  for (const name of ['error', 'velocity', 'impulse', 'rest', 'damping']) {
     run[name] = await get(name, Float32Array);
   }
   run.damping_time = Float64Array.from(
     await get('damping_at', Uint32Array), (at) => run.time[at]);
-  run.setpoint = new Float64Array(fact.count);
-  for (const [first, x_r] of fact.setpoints) run.setpoint.fill(x_r, first);
-  run.position = run.error.map((error, i) => error + run.setpoint[i]);
+  for (const name of ['setpoint', 'position', 'feedback']) {
+    run[name] = new Float64Array(fact.count);
+  }
+  fact.settings.forEach((setting, at) => {
+    const end = fact.settings[at + 1]?.first ?? fact.count;
+    for (let i = setting.first; i < end; i++) {
+      const limit = setting.effort_limit || Infinity;
+      const law = -setting.K * run.error[i] - setting.D * run.velocity[i];
+      run.setpoint[i] = setting.x_r;
+      run.position[i] = run.error[i] + setting.x_r;
+      run.feedback[i] = Math.min(Math.max(law, -limit), limit) + run.rest[i];
+    }
+  });
   const fired = await get('fired', Uint32Array);
   const guard = await get('guard', Uint32Array);
   run.fired = {};
@@ -77,7 +87,8 @@ function timeLayout() {
   document.getElementById('time').style.height = `${height + TOP + BOTTOM}px`;
   const layout = {
     ...LAYOUT, margin: {l: LEFT, r: RIGHT, t: TOP, b: BOTTOM}, annotations: [],
-    xaxis: {...AXIS, range: [-0.01 * end(), 1.01 * end()], anchor: `y${count}`, title: {text: 'time [s]'}},
+    xaxis: {...AXIS, range: [-0.01 * end(), 1.01 * end()], anchor: `y${count}`,
+            title: {text: 'time [s]'}},
   };
   panels().forEach(({title}, number) => {
     const top = 1 - number * (PANEL + GAP) / height;
@@ -138,7 +149,8 @@ function guardMarks(run, key, from, to) {
     const values = Float32Array.from(at, (i) => run[key][i]);
     const part = thinned(times, values, from, to, bins('time'));
     return {...part, name, meta: key, mode: 'markers', type: 'scatter',
-            marker: mark(name, 4 * part.x.length < bins('time') ? 7 : 3), hovertemplate: `${GUARDS[name].words}<br>%{y:.6g} at %{x:.6g} s`};
+            marker: mark(name, 4 * part.x.length < bins('time') ? 7 : 3),
+            hovertemplate: `${GUARDS[name].words}<br>%{y:.6g} at %{x:.6g} s`};
   });
 }
 
@@ -204,8 +216,9 @@ function drawPhase(id, layout) {
   const traces = [];
   for (const run of runs.filter((one) => !hidden.has(one.name))) {
     const line = path(run.error, run.velocity, box);
-    traces.push({...line, name: run.name, marker: {size: 4},
-                 mode: WIDE * line.x.length < box.width ? 'lines+markers' : 'lines', line: {color: run.color, width: 1.4}, type: 'scatter',
+    traces.push({...line, name: run.name, type: 'scatter', marker: {size: 4},
+                 mode: WIDE * line.x.length < box.width ? 'lines+markers' : 'lines',
+                 line: {color: run.color, width: 1.4},
                  hovertemplate: 'e = %{x:.6g} m<br>v = %{y:.6g} m/s'});
     for (const name of shownGuards(run)) {
       const {x, y} = jumps(run.error, run.velocity, run.fired[name], box);
