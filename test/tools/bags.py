@@ -15,7 +15,9 @@ from impulse_control_ros.files.experiment import read_experiment
 from test.conftest import CONFIG
 from test.files.test_bag import START, STEP, topic
 
+STATE, MARKED = JointStateLayout('axis'), JointStateLayout('axis', RESET_MARK)
 COMMAND = JointStateLayout('axis', '', ('effort',))
+EVENTS = [JointStateLayout('axis', guard) for guard in GUARDS]
 
 
 def experiment(name):
@@ -24,19 +26,19 @@ def experiment(name):
 
 def entries(run, first=0, reset=True):
     """Yield the messages of a run that begins at tick ``first``."""
-    applied = np.append(0.0, run.effort[:-1])
+    applied, varies = np.append(0.0, run.effort[:-1]), np.ptp(run.damping) > 0.0
     events = {int(event['tick']): event for event in run.events}
     for k in range(len(run.time)):
         sec, nanosec = at = stamp(first + k, START, STEP)
         ns = sec * 10**9 + nanosec
-        state = JointStateLayout('axis', RESET_MARK if k == 0 and reset else '')
+        state = MARKED if k == 0 and reset else STATE
         yield ns, 1, state.encode(*at, run.position[k], run.velocity[k], applied[k])
         if k in events:
             event = events[k]
-            layout = JointStateLayout('axis', GUARDS[event['guard']])
+            layout = EVENTS[event['guard']]
             yield ns, 2, layout.encode(*at, event['position'], event['velocity'], event['area'])
         yield ns, 3, COMMAND.encode(*at, run.effort[k])
-        if k % 10 == 0 and k < len(run.damping) and np.ptp(run.damping) > 0.0:
+        if varies and k % 10 == 0 and k < len(run.damping):
             yield ns, 4, encode_float64(run.damping[k])
 
 

@@ -69,35 +69,68 @@ function thinned(times, values, from, to, bins) {
 }
 
 /**
- * Return functions of sample numbers on the plane of xs and ys, seen through a box.
+ * The pixels of a box on the plane of xs and ys, and which of them are covered by lines.
  *
- * The box is {x: [low, high], y: [low, high], width, height}, the latter in pixels. cell(i)
- * numbers the pixel of a sample, those far outside together; touches(i, j) is false where no part
- * of the line between the two can be seen; isNew(i, j) is true once for all lines between two
- * pixels.
+ * The box is {x: [low, high], y: [low, high], width, height}, the latter in pixels.
  */
-function plane(xs, ys, box) {
-  const columns = 9 * box.width + 1;
-  const rows = 9 * box.height + 1;
-  const place = (value, [low, high], pixels) => Math.floor(
-    Math.min(Math.max((value - low) / (high - low) + 4, 0), 9) * pixels);
-  const apart = (a, b, [low, high]) => Math.max(a, b) < low || Math.min(a, b) > high;
-  const cell = (i) => place(xs[i], box.x, box.width) * rows + place(ys[i], box.y, box.height);
-  const touches = (i, j) => !apart(xs[i], xs[j], box.x) && !apart(ys[i], ys[j], box.y);
-  const seen = new Set();
-  const isNew = (i, j) => seen.size < seen.add(cell(i) * columns * rows + cell(j)).size;
-  return {cell, touches, isNew};
+class Canvas {
+  constructor(xs, ys, box) {
+    this.width = Math.ceil(box.width);
+    this.height = Math.ceil(box.height);
+    this.right = (i) => (xs[i] - box.x[0]) / (box.x[1] - box.x[0]) * this.width;
+    this.up = (i) => (ys[i] - box.y[0]) / (box.y[1] - box.y[0]) * this.height;
+    this.covered = new Uint8Array(this.width * this.height);
+  }
+
+  /** Tell whether two samples are in one pixel. */
+  isSame(i, j) {
+    return Math.floor(this.right(i)) === Math.floor(this.right(j))
+      && Math.floor(this.up(i)) === Math.floor(this.up(j));
+  }
+
+  /** Cover the line from sample i to j; returns whether that can be seen. */
+  cover(i, j) {
+    const [x, y] = [this.right(i), this.up(i)];
+    const [dx, dy] = [this.right(j) - x, this.up(j) - y];
+    const [left, right] = within(x, dx, this.width);
+    const [below, above] = within(y, dy, this.height);
+    const start = Math.max(left, below, 0);
+    const end = Math.min(right, above, 1);
+    if (!(start <= end)) return false;
+    const steps = Math.ceil(Math.max(Math.abs(dx), Math.abs(dy)) * (end - start)) || 1;
+    let isSeen = false;
+    for (let k = 0; k <= steps; k++) {
+      const share = start + (end - start) * k / steps;
+      const column = Math.min(Math.max(Math.floor(x + share * dx), 0), this.width - 1);
+      const row = Math.min(Math.max(Math.floor(y + share * dy), 0), this.height - 1);
+      const at = row * this.width + column;
+      isSeen = isSeen || !this.covered[at];
+      this.covered[at] = 1;
+    }
+    return isSeen;
+  }
 }
 
-/** Return {x, y} of the line through all samples as the box shows it; null lifts the pen. */
+/** Return the shares of a way from a place at which it enters and leaves the pixels of a size. */
+function within(place, way, size) {
+  if (way === 0) return place >= 0 && place <= size ? [0, 1] : [1, 0];
+  const ends = [-place / way, (size - place) / way];
+  return [Math.min(...ends), Math.max(...ends)];
+}
+
+/**
+ * Return {x, y} of the line through all samples as the box shows it; null lifts the pen.
+ *
+ * What lies outside, or on what is drawn already, is left out.
+ */
 function path(xs, ys, box) {
-  const {cell, touches, isNew} = plane(xs, ys, box);
+  const canvas = new Canvas(xs, ys, box);
   const x = [];
   const y = [];
   let down = false;
   for (let i = 1; i < xs.length; i++) {
-    if (cell(i) === cell(i - 1)) continue;
-    if (!touches(i - 1, i) || !isNew(i - 1, i)) {
+    if (canvas.isSame(i - 1, i)) continue;
+    if (!canvas.cover(i - 1, i)) {
       down = false;
       continue;
     }
@@ -112,14 +145,14 @@ function path(xs, ys, box) {
   return {x, y};
 }
 
-/** Return {x, y} of the lines from each of some samples to the next one. */
+/** Return {x, y} of the lines from each of some samples to the next one, as path() does. */
 function jumps(xs, ys, samples, box) {
-  const {touches, isNew} = plane(xs, ys, box);
+  const canvas = new Canvas(xs, ys, box);
   const x = [];
   const y = [];
   for (const i of samples) {
     const j = Math.min(i + 1, xs.length - 1);
-    if (!touches(i, j) || !isNew(i, j)) continue;
+    if (!canvas.cover(i, j)) continue;
     x.push(xs[i], xs[j], null);
     y.push(ys[i], ys[j], null);
   }
