@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -213,7 +214,7 @@ class Series:
     def add(self, column: Column, joint: str) -> None:
         """Take the messages of ``joint`` whose place is that of their stamp."""
         rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
-        layouts = self._layouts(joint)
+        layouts = layouts_of(self._kind, joint)
         for which, content in column.same_size():
             for number, layout in enumerate(layouts):
                 good, sec, nanosec, *values = layout.decode_rows(content)
@@ -234,16 +235,20 @@ class Series:
     def _measured(self) -> list[str]:
         return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
 
-    def _layouts(self, joint: str) -> list[JointStateLayout]:
-        if self._kind is IMPULSE:
-            return [JointStateLayout(joint, guard) for guard in GUARDS]
-        if self._kind is COMMAND:
-            return [JointStateLayout(joint, '', ('effort',))]
-        return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]
-
     def in_order(self) -> np.ndarray:
         """Return the rows in the order of their log time."""
         rows, times = np.concatenate(self._rows), np.concatenate(self._times)
+        self._rows, self._times = [rows], [times]  # the parts are not held twice
         if (times[1:] >= times[:-1]).all():
             return rows
         return rows[np.argsort(times, kind='stable')]
+
+
+@cache
+def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
+    """Return the layouts of the messages that rows of ``kind`` are made of."""
+    if kind is IMPULSE:
+        return [JointStateLayout(joint, guard) for guard in GUARDS]
+    if kind is COMMAND:
+        return [JointStateLayout(joint, '', ('effort',))]
+    return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]
