@@ -7,7 +7,7 @@ The bag is a 10 kHz run of config/time_varying.yaml, simulated and written by th
 writer with zstd: a state and a command for each sample. `mcap_iterator` is what any reader on that
 library costs at the least: it looks at no message. `read` gives the arrays. Figures are messages
 per second, medians of the rounds, in which the two are interleaved. The last part lets the command
-``analyze`` make its table of ever longer bags: wall time, and the operating system's peak RSS.
+``analyze`` make its table of ever longer bags: wall time, time of the cores, and peak RSS.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def rate(measure: Callable[[Path], int], bag: Path) -> float:
 
 
 def analyzed(bag: Path) -> dict[str, float]:
-    """Return wall time and peak RSS of the command on a bag."""
+    """Return wall time, time of the cores and peak RSS of the command on a bag."""
     began = time.perf_counter()
     process = subprocess.Popen([Path(sys.executable).with_name('analyze'), bag],
                                stdout=subprocess.DEVNULL)
@@ -87,7 +87,7 @@ def analyzed(bag: Path) -> dict[str, float]:
     if process.returncode:
         raise RuntimeError(f'analyze ends with {process.returncode}')
     return {'messages': 2 * int(bag.name), 'wall_s': time.perf_counter() - began,
-            'peak_rss_mb': usage.ru_maxrss / 1024}
+            'cpu_s': usage.ru_utime + usage.ru_stime, 'peak_rss_mb': usage.ru_maxrss / 1024}
 
 
 def main() -> None:
@@ -115,9 +115,10 @@ def main() -> None:
     print(f'{"case":<16}{"messages/s":>14}{"x iterator":>12}')
     for case, value in result.items():
         print(f'{case:<16}{value:>14.0f}{value / result["mcap_iterator"]:>12.1f}')
-    print(f'{"messages":>12}{"analyze [s]":>14}{"peak RSS [MB]":>15}')
+    print(f'{"messages":>12}{"analyze [s]":>14}{"of a core [s]":>15}{"peak RSS [MB]":>15}')
     for line in growth:
-        print(f'{line["messages"]:>12}{line["wall_s"]:>14.2f}{line["peak_rss_mb"]:>15.0f}')
+        print(f'{line["messages"]:>12}{line["wall_s"]:>14.2f}{line["cpu_s"]:>15.2f}'
+              f'{line["peak_rss_mb"]:>15.0f}')
 
 
 if __name__ == '__main__':

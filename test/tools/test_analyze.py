@@ -20,7 +20,7 @@ from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.analyze.command import NAME, status
 from impulse_control_ros.tools.analyze.table import FIGURES
-from test.conftest import BIN, CONFIG, wait_for
+from test.conftest import BIN, CONFIG, ROOT, wait_for
 from test.files.test_bag import START, STATE, topic
 from test.tools.bags import begun, entries, experiment, finished, recorded
 
@@ -228,6 +228,26 @@ def test_help_says_what_is_measured_from_where():
     said = subprocess.run([BIN / NAME, '--help'], check=True, capture_output=True, text=True)
     for words in ('--report', '--figure', 'last change of the set-point', 'v = 0'):
         assert words in said.stdout
+
+
+def test_the_documentation_names_every_figure_and_no_other():
+    page = (ROOT / 'docs' / 'analyze.md').read_text()
+    rows = page[page.index('| name |'):page.index('The impulsive part')].strip().splitlines()[2:]
+    names = [name for row in rows for name in re.findall(r'`([\w.]+)`', row.split('|')[1])]
+    assert sorted(names) == sorted(FIGURES)
+
+
+@pytest.mark.parametrize(('suffix', 'magic'), [('png', b'\x89PNG'), ('pdf', b'%PDF')])
+def test_a_figure_is_drawn_the_same_again(tmp_path, capsys, bag, suffix, magic):
+    other, _ = recorded(tmp_path / 'other', 'time_varying', 0.3)
+    path = tmp_path / f'figure.{suffix}'
+    drawn = []
+    for _ in range(2):
+        code, _, err = analyzed(capsys, bag, other, '--figure', path)
+        assert (code, err) == (0, [f'analyze: wrote {path}'])
+        drawn.append(path.read_bytes())
+    assert drawn[0].startswith(magic)
+    assert drawn[0] == drawn[1]
 
 
 # -- bad bags ---------------------------------------------------------------------------------

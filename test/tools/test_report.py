@@ -13,6 +13,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
+from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.tools.analyze.command import status
 from impulse_control_ros.tools.analyze.packing import on_grid
@@ -147,6 +148,21 @@ def test_every_peak_is_drawn_however_far_out(opened, bags):
         near = [abs(y) for x, y in zip(drawn['x'], drawn['y'], strict=True)
                 if abs(x - run.time[tick]) <= pixel]
         assert max(near) >= 0.99 * abs(area) / 1e-4
+
+
+def test_every_impulse_is_marked_in_the_phase_plane(opened, bags):
+    width, height = opened.run('return [bins("phase"), '
+                               'document.getElementById("phase").clientHeight - TOP - BOTTOM]')
+    x_range, y_range = opened.run('const {xaxis, yaxis} = document.getElementById("phase").layout;'
+                                  'return [xaxis.range, yaxis.range]')
+    pixel = (x_range[1] - x_range[0]) / width, (y_range[1] - y_range[0]) / height
+    for name, guard in (('underdamped', 1), ('time_varying', 1), ('coulomb', 2)):
+        events = bags[name][1].events
+        marks = [(x, y) for one in opened.traces('phase', name=GUARDS[guard])
+                 for x, y in zip(one['x'][::3], one['y'][::3], strict=True)]
+        for event in events[events['guard'] == guard][:500]:
+            assert min(max(abs(x - event['position']) / pixel[0],
+                           abs(y - event['velocity']) / pixel[1]) for x, y in marks) < 1.01
 
 
 def test_zooming_in_shows_the_raw_samples(opened, bags):

@@ -117,7 +117,8 @@ def analyze(arguments: Sequence[str]) -> None:
     responses: list[Response] = []
     for run in runs_of(options.bags):
         responses += responses_of(run, options.every)
-        runs.append(run)
+        if options.report or options.figure:
+            runs.append(run)
     print(FORMATS[options.format](responses), flush=True)
     if options.report:
         from impulse_control_ros.tools.analyze.report import report

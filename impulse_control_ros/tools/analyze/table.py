@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from io import StringIO
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -45,10 +46,10 @@ WIDTH = 34
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """The ``figures`` of a span of ``run``, by the names of `FIGURES`; ``name`` heads them."""
+    """The ``figures`` of a span of a run, by the names of `FIGURES`; ``name`` heads them."""
 
     name: str
-    run: Run
+    path: Path
     figures: dict[str, Figure]
 
 
@@ -57,7 +58,7 @@ def responses_of(run: Run, every: bool) -> list[Response]:
     spans = run.responses if every else run.responses[-1:]
     names = [run.name] if len(spans) == 1 else [
         f'{run.name}:{number}' for number in range(1, len(spans) + 1)]
-    return [Response(name=name, run=run, figures=figures_of(run, span))
+    return [Response(name=name, path=run.path, figures=figures_of(run, span))
             for name, span in zip(names, spans, strict=True)]
 
 
@@ -121,7 +122,7 @@ def as_text(responses: Sequence[Response]) -> str:
 
 def plain(response: Response) -> dict[str, Figure | str | None]:
     """Return a response by name; None for what there is not."""
-    return {'bag': response.name, 'path': str(response.run.path)} | {
+    return {'bag': response.name, 'path': str(response.path)} | {
         name: None if math.isnan(figure) else figure
         for name, figure in response.figures.items()}
 

@@ -82,6 +82,13 @@ class Canvas {
     this.covered = new Uint8Array(this.width * this.height);
   }
 
+  /** Return the number of the pixel of a sample, or -1 outside. */
+  pixel(i) {
+    const [column, row] = [Math.floor(this.right(i)), Math.floor(this.up(i))];
+    const inside = column >= 0 && column < this.width && row >= 0 && row < this.height;
+    return inside ? row * this.width + column : -1;
+  }
+
   /** Tell whether two samples are in one pixel. */
   isSame(i, j) {
     return Math.floor(this.right(i)) === Math.floor(this.right(j))
@@ -145,14 +152,21 @@ function path(xs, ys, box) {
   return {x, y};
 }
 
-/** Return {x, y} of the lines from each of some samples to the next one, as path() does. */
+/**
+ * Return {x, y} of the lines from each of some samples to the next one, each with a null after it.
+ *
+ * One is left out where neither the line nor the pixel that it starts from adds anything.
+ */
 function jumps(xs, ys, samples, box) {
   const canvas = new Canvas(xs, ys, box);
+  const starts = new Set([-1]);
   const x = [];
   const y = [];
   for (const i of samples) {
     const j = Math.min(i + 1, xs.length - 1);
-    if (!canvas.cover(i, j)) continue;
+    const pixel = canvas.pixel(i);
+    if (!canvas.cover(i, j) && starts.has(pixel)) continue;
+    starts.add(pixel);
     x.push(xs[i], xs[j], null);
     y.push(ys[i], ys[j], null);
   }
