@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.core.metrics import COUNTS, figures, impulsive, stuck, work
+from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
@@ -93,21 +93,6 @@ def test_impulses_are_told_from_the_feedback_whatever_the_effort_limit(tmp_path,
                        *((-limit, limit) if limit else (-np.inf, np.inf)))
     rest = run.effort - feedback
     assert got['impulse_work'] == pytest.approx(work(run.position, rest), rel=1e-9)
-
-
-def test_only_what_follows_an_impulse_without_a_gap_is_its_effort():
-    feedback = np.full(8, 1.0)
-    effort = np.array([1.0, 3.0, 1.0, 5.0, 4.0, 1.0, 2.0, 9.0])
-    fired = np.array([0, 0, 0, 1, 0, 0, 0, 1], bool)
-    assert impulsive(effort, feedback, fired).tolist() == [0, 0, 0, 4, 3, 0, 0, 8]
-    assert impulsive(effort, feedback, np.zeros(8, bool)).tolist() == [0] * 8
-
-
-def test_an_axis_is_stuck_from_the_second_sample_that_it_stands():
-    time, error = np.arange(8) * 0.5, np.array([1, 1, 1, 1, 1, 1, 0, 0.0])
-    assert stuck(time, np.array([0, 1, 0, 0, 0, 1, 0, 0.0]), error) == (1, 1.0)
-    assert stuck(time, np.array([0, 0, 1, 0, 0, 0, 0, 0.0]), error) == (2, 1.5)
-    assert stuck(time, np.array([0, 1, 0, 1, 0, 1, 0, 1.0]), error) == (0, 0.0)
 
 
 def test_pd_alone_sticks_where_friction_holds_it(tmp_path, capsys):
