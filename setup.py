@@ -5,8 +5,9 @@ from setuptools import find_packages, setup
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
-TOOLS = ['export_bag', 'replay', 'sweep', 'paper_figures']
-ANALYSIS = ['matplotlib>=3.8', 'pandas>=2.1', 'pyarrow']  # 250 MB that a robot does not need
+TOOLS = ['analyze', 'export_bag', 'replay', 'sweep', 'paper_figures']
+# 300 MB that a robot does not need
+ANALYSIS = ['matplotlib>=3.8', 'pandas>=2.1', 'plotly>=6', 'pyarrow']
 DASK = ['distributed']
 
 setup(
@@ -17,7 +18,7 @@ setup(
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'tools/analyze/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -36,8 +37,9 @@ setup(
         # what benchmarks/peers.py compares with
         'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
-        'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'types-PyYAML',
-                 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80', *ANALYSIS, *DASK],
+        'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'selenium',
+                 'types-PyYAML', 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80',
+                 *ANALYSIS, *DASK],
     },
     zip_safe=True,
     entry_points={'console_scripts': [

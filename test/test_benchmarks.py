@@ -41,6 +41,17 @@ def test_the_batch_benchmark_measures_every_case():
         (1, 10_000), (10, 10_000), (100, 1_000), (100, 10_000)]
 
 
+def test_the_reading_benchmark_measures_every_case():
+    said = subprocess.run(
+        [sys.executable, ROOT / 'benchmarks' / 'reading.py', '--json', '--rounds', '1',
+         '--samples', '5000', '--large', '20000'], check=True, capture_output=True,
+        text=True).stdout
+    result = json.loads(said)
+    assert set(result['messages_per_s']) == {'mcap_iterator', 'read'}
+    assert all(rate > 0 for rate in result['messages_per_s'].values())
+    assert [line['messages'] for line in result['growth']] == [400, 4000, 40_000]
+
+
 ERRORS = {'ours_simulate': 3e-4, 'python_loop': 3e-4, 'numpy_batch': 3e-4, 'ours_batch': 3e-4,
           'scipy_events': 1e-8}  # [m]
 

@@ -186,6 +186,8 @@ def test_make_demo_prints_the_table_of_the_readme(tmp_path, graph):
     table = next(block for language, block in FENCES if 'settling' in block)
     for line in table.strip('\n').splitlines():
         assert line in said
+    report = Path(tmp_path, said.splitlines()[-1].rsplit(': ')[-1])
+    assert report.read_text().endswith('</html>\n')
 
 
 def test_an_interrupted_demo_says_where_the_recording_is_and_finishes_it(tmp_path, graph):

@@ -18,6 +18,14 @@ peak_velocity       m/s    max of abs(v)
 final_error         m      e at the end
 diverged            1      whether a batch's run left all bounds; its figures are nan
 ==================  =====  ======================================================
+
+Of a recording, where samples may be missing, there are besides:
+
+==================  =====  ======================================================
+work                N m    sum of u_k (x_k+1 - x_k): exact, as u is held over each sample
+stuck               1, s   number and whole time of the intervals with v = 0, e != 0
+impulsive           N      the part of u that impulses are: u less the feedback (4)
+==================  =====  ======================================================
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,6 +35,8 @@ import numpy as np
 
 from impulse_control_ros.core.impulse import POSITION_ZERO, STICKING, VELOCITY_ZERO
 from impulse_control_ros.core.kernel import compiled, sign
+
+ROUNDING = 1e-9  # share of an effort, or of 1 N, that is no difference
 
 
 class Sums(NamedTuple):
@@ -78,6 +88,43 @@ def first_position_zero(error: np.ndarray) -> int | None:
     """Return the index of the first sample at or past e = 0, or None."""
     past = np.flatnonzero(np.sign(error) != np.sign(error[0]))
     return int(past[0]) if past.size else None
+
+
+def integral(time: np.ndarray, values: np.ndarray) -> float:
+    """Return the integral over ``time`` [s], by the trapezoidal rule."""
+    return float(np.dot(np.diff(time), values[1:] + values[:-1]) / 2.0)
+
+
+def work(position: np.ndarray, effort: np.ndarray) -> float:
+    """Return the work [N m] of an ``effort`` [N] that each sample holds until the next one."""
+    return float(np.dot(effort[:-1], np.diff(position)))
+
+
+def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[int, float]:
+    """
+    Return number and whole time [s] of the intervals in which the axis stands beside its goal.
+
+    An interval is two samples in a row, or more, of velocity 0 with an error.
+    """
+    stands = (velocity == 0.0) & (error != 0.0)
+    between = stands[:-1] & stands[1:]
+    begins = int(np.count_nonzero(between[1:] & ~between[:-1])) + int(between[:1].any())
+    return begins, float(np.diff(time)[between].sum())
+
+
+def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np.ndarray:
+    """
+    Return the part [N] of the ``effort`` [N] that impulses are, shape (n,) like all.
+
+    An impulse acts from the sample that ``fired`` it (bool) until the effort is the ``feedback``
+    [N] again; whatever else differs from the feedback is no impulse.
+    """
+    excess = effort - feedback
+    place = np.arange(len(effort))
+    differs = np.abs(excess) > ROUNDING * np.maximum(1.0, np.abs(effort))
+    last_fired = np.maximum.accumulate(np.where(fired, place, -1))
+    last_alike = np.maximum.accumulate(np.where(differs, -1, place))
+    return np.where(differs & (last_fired > last_alike), excess, 0.0)
 
 
 @compiled

@@ -7,9 +7,11 @@ An object for each message costs microseconds; a minute of a 10 kHz series has 1
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
+import os
 from pathlib import Path
 import struct
 from typing import Any, IO, NamedTuple
+import zlib
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -21,9 +23,14 @@ import numba
 import numpy as np
 from zstandard import ZstdError
 
-BROKEN = (McapError, OSError, ValueError, RuntimeError, struct.error, ZstdError)
+from impulse_control_ros.files.mcap_file import MAGIC
+
+BROKEN = (McapError, OSError, ValueError, RuntimeError, LookupError, MemoryError, OverflowError,
+          struct.error, ZstdError)
 AHEAD = 9  # opcode and length stand before each record
-CHANNEL, MESSAGE = int(Opcode.CHANNEL), int(Opcode.MESSAGE)
+SCHEMA, CHANNEL, MESSAGE = int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)
+DATA_END, FOOTER = struct.Struct('<BQI'), struct.Struct('<QQI')
+BLOCK = 2**20
 HEADER = np.dtype({'names': ['opcode', 'length', 'channel', 'log_time', 'publish_time'],
                    'formats': ['u1', '<u8', '<u2', '<u8', '<u8'],
                    'offsets': [0, 1, 9, 15, 23], 'itemsize': 31})
@@ -39,7 +46,7 @@ def naming(path: Path) -> Iterator[None]:
     try:
         yield
     except BROKEN as error:
-        raise BagError(f'{path}: {error or type(error).__name__}') from error
+        raise BagError(f'{path}: {str(error) or type(error).__name__}') from error
 
 
 class Column(NamedTuple):
@@ -64,22 +71,32 @@ class Column(NamedTuple):
             yield which, rows_at(self.content, self.start[which], int(size))
 
 
-def columns(path: Path) -> Iterator[Column | Metadata | Schema | Channel]:
+class Cut(NamedTuple):
+    """The end of a file that its writer did not finish: the bytes behind its last whole record."""
+
+    unread: int
+
+
+Item = Column | Metadata | Schema | Channel | Cut
+
+
+def columns(path: Path) -> Iterator[Item]:
     """
-    Yield what a file holds, of one that was cut off as far as it goes.
+    Yield what a file holds, of one that was cut off as far as it goes and then `Cut`.
 
     Raises `BagError` for what is no MCAP file, and for damage in a finished one.
     """
-    with path.open('rb') as stream, naming(path):
+    with naming(path), path.open('rb') as stream:
+        if stream.read(MAGIC_SIZE) != MAGIC:
+            raise ValueError('this is no MCAP file')
+        stream.seek(0)
         reader = make_reader(stream, validate_crcs=True)
-        try:
-            summary = reader.get_summary()
-        except BROKEN:  # what stands at the end is no footer
-            summary = None
+        finished = ends_with_magic(stream)
+        summary = reader.get_summary() if finished else None
         if summary is None:
-            stream.seek(0)
-            yield from columns_up_to_the_cut(stream)
+            yield from in_sequence(stream, finished)
             return
+        require_checksum(stream)
         yield from reader.iter_metadata()
         yield from summary.schemas.values()
         yield from summary.channels.values()
@@ -92,21 +109,48 @@ def columns(path: Path) -> Iterator[Column | Metadata | Schema | Channel]:
             yield from columns_of(stream.read()[:-MAGIC_SIZE], topics)
 
 
-def columns_up_to_the_cut(stream: IO[bytes]
-                          ) -> Iterator[Column | Metadata | Schema | Channel]:
-    """Yield what stands before the first incomplete record or damaged chunk, in its order."""
+def ends_with_magic(stream: IO[bytes]) -> bool:
+    """Tell a file that its writer has finished."""
+    stream.seek(max(MAGIC_SIZE, stream.seek(0, os.SEEK_END) - MAGIC_SIZE))
+    return stream.read() == MAGIC
+
+
+def require_checksum(stream: IO[bytes]) -> None:
+    """Raise ValueError where the data section of a finished file is not what was written."""
+    stream.seek(-MAGIC_SIZE - FOOTER.size, os.SEEK_END)
+    summary_start, *_ = FOOTER.unpack(stream.read(FOOTER.size))
+    stream.seek(summary_start - DATA_END.size)
+    opcode, _, expected = DATA_END.unpack(stream.read(DATA_END.size))
+    if opcode != Opcode.DATA_END or not expected:
+        return
+    checksum, left = 0, stream.seek(summary_start - DATA_END.size)
+    stream.seek(0)
+    while left:
+        block = stream.read(min(left, BLOCK))
+        checksum, left = zlib.crc32(block, checksum), left - len(block)
+    if checksum != expected:
+        raise ValueError('it is damaged: its checksum is another')
+
+
+def in_sequence(stream: IO[bytes], finished: bool) -> Iterator[Item]:
+    """Yield the records of a file without an index, or without an end, in their order."""
     topics: dict[int, str] = {}
+    end = stream.seek(0, os.SEEK_END)
+    read_to = stream.seek(0)
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                yield from columns_of(content_of(record), topics)
+            elif isinstance(record, Metadata | Schema | Channel):
+                yield record
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
-                yield record
-            elif isinstance(record, Chunk):
-                yield from columns_of(content_of(record), topics)
-            elif isinstance(record, (Metadata, Schema)):
-                yield record
+            read_to = stream.tell()
     except BROKEN:
-        return
+        if finished:
+            raise
+    if not finished:
+        yield Cut(end - read_to)
 
 
 def content_of(chunk: Chunk) -> bytes:
@@ -115,15 +159,18 @@ def content_of(chunk: Chunk) -> bytes:
     return stream.read(length)
 
 
-def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Column]:
-    """Yield the messages among ``records``; channels are added to ``topics``."""
+def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Column | Schema | Channel]:
+    """Yield what is among ``records``; its channels are added to ``topics``."""
     content = np.frombuffer(records, np.uint8)
-    channels, messages, end = walk(content)
+    others, messages, end = walk(content)
     if end != len(content):
         raise ValueError(f'a record is broken at byte {end} of {len(content)}')
-    for at in channels:
-        channel = Channel.read(ReadDataStream(BytesIO(records[at + AHEAD:])))
-        topics[channel.id] = channel.topic
+    for at in others:
+        kind = Schema if content[at] == SCHEMA else Channel
+        record = kind.read(ReadDataStream(BytesIO(records[at + AHEAD:])))
+        yield record
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
     headers = rows_at(content, messages, HEADER.itemsize).view(HEADER).ravel()
     for number in np.unique(headers['channel']):
         ours = headers['channel'] == number
@@ -142,10 +189,10 @@ def rows_at(content: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
 
 @numba.njit(cache=True)
 def walk(content: Any) -> Any:
-    """Return where channels and messages start, and where the last whole record ends."""
+    """Return where schemas and channels start, where messages, and where the last record ends."""
     most = len(content) // AHEAD
-    channels, messages = np.empty(most, np.int64), np.empty(most, np.int64)
-    channel = message = at = 0
+    others, messages = np.empty(most, np.int64), np.empty(most, np.int64)
+    other = message = at = 0
     while at + AHEAD <= len(content):
         length = 0
         for i in range(8):
@@ -155,8 +202,8 @@ def walk(content: Any) -> Any:
         if content[at] == MESSAGE:
             messages[message] = at
             message += 1
-        elif content[at] == CHANNEL:
-            channels[channel] = at
-            channel += 1
+        elif content[at] in (SCHEMA, CHANNEL):
+            others[other] = at
+            other += 1
         at += AHEAD + length
-    return channels[:channel], messages[:message], at
+    return others[:other], messages[:message], at

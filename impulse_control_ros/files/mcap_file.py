@@ -68,15 +68,20 @@ class McapFile:
         self._metadata: list[MetadataIndex] = []
         self._parts: list[bytes] = []
         self._indices: dict[int, list[int]] = {}
-        self._size = 0
+        self._size = self._checksum = 0
         self._file = path.open('xb')
-        self._file.write(MAGIC + encoded([Header('ros2', library)]))
+        self._put(MAGIC + encoded([Header('ros2', library)]))
+
+    def _put(self, data: bytes) -> None:
+        """Write a part of the data section, whose checksum stands at its end."""
+        self._checksum = zlib.crc32(data, self._checksum)
+        self._file.write(data)
 
     def add_schema(self, name: str, text: str) -> int:
         """Register a ros2msg definition; returns its id."""
         self._schemas.append(Schema(
             id=len(self._schemas) + 1, name=name, encoding='ros2msg', data=text.encode()))
-        self._file.write(encoded(self._schemas[-1:]))
+        self._put(encoded(self._schemas[-1:]))
         return self._schemas[-1].id
 
     def add_channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
@@ -84,7 +89,7 @@ class McapFile:
         self._channels.append(Channel(
             id=len(self._channels) + 1, topic=topic, message_encoding='cdr', schema_id=schema,
             metadata=metadata))
-        self._file.write(encoded(self._channels[-1:]))
+        self._put(encoded(self._channels[-1:]))
         self.counts[self._channels[-1].id] = 0
         return self._channels[-1].id
 
@@ -92,7 +97,7 @@ class McapFile:
         """Store a named record of strings."""
         data = encoded([Metadata(name=name, metadata=values)])
         self._metadata.append(MetadataIndex(offset=self._file.tell(), length=len(data), name=name))
-        self._file.write(data)
+        self._put(data)
         self._file.flush()
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
@@ -129,13 +134,13 @@ class McapFile:
                       message_start_time=start, message_end_time=self.last,
                       uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data))
         at, written = self._file.tell(), encoded([chunk])
-        self._file.write(written)
+        self._put(written)
         offsets, index_at = {}, self._file.tell()
         for channel, index in self._indices.items():
             offsets[channel] = self._file.tell()
-            self._file.write(_INDEX.pack(
+            self._put(_INDEX.pack(
                 Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel, 8 * len(index)))
-            self._file.write(struct.pack(f'<{len(index)}Q', *index))
+            self._put(struct.pack(f'<{len(index)}Q', *index))
         self._chunks.append(ChunkIndex(
             message_start_time=start, message_end_time=self.last, chunk_start_offset=at,
             chunk_length=len(written), message_index_offsets=offsets,
@@ -147,7 +152,7 @@ class McapFile:
     def close(self) -> None:
         """Write the last chunk and the summary."""
         self.end_chunk()
-        self._file.write(encoded([DataEnd(0)]))
+        self._file.write(encoded([DataEnd(self._checksum)]))
         statistics = Statistics(
             attachment_count=0, channel_count=len(self._channels), channel_message_counts={
                 channel: count for channel, count in self.counts.items() if count},

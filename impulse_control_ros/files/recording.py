@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
-from impulse_control_ros.files.columns import BagError, Column, columns
+from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
 
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
                    ('marked', '?')])
@@ -52,8 +53,10 @@ class Recording:
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
     ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units; a state is ``marked`` where a
     run starts or is reset. ``parameters`` at the start by node name and parameter name, and the
-    ``changes`` to them in the order of time; ``receipt`` is what the recorder says at the end
-    (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut off.
+    ``changes`` to them in the order of time; ``version`` is that of the package that recorded
+    them; ``receipt`` is what the recorder says at the end (messages, missing, repeated, foreign,
+    wall_seconds), empty for a bag that was cut off, of which ``unread`` bytes at the end are no
+    whole record; None for a finished one.
     States of other joints, or out of their time, are left out.
     """
 
@@ -63,7 +66,9 @@ class Recording:
     damping: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
     changes: list[Change]
+    version: str
     receipt: Mapping[str, str]
+    unread: int | None
 
 
 def storage_file(bag: str | Path) -> Path:
@@ -71,6 +76,8 @@ def storage_file(bag: str | Path) -> Path:
     path = Path(bag)
     if path.is_file():
         return path
+    if not path.exists():
+        raise BagError(f'bag {str(bag)!r} does not exist')
     found = sorted(path.glob('*.mcap'))
     if len(found) != 1:
         raise BagError(f'bag {str(bag)!r} has {len(found)} .mcap files; 1 is expected')
@@ -81,35 +88,44 @@ def read(bag: str | Path) -> Recording:
     """Read a bag of ours; raises `BagError` for what is none."""
     path = storage_file(bag)
     gathered = _Gathered()
-    for item in columns(path):
-        if isinstance(item, Column):
-            gathered.add_messages(item)
-        elif isinstance(item, Metadata):
-            gathered.add_metadata(item)
-        elif isinstance(item, Schema):
-            gathered.schemas[item.id] = item
-        else:
-            gathered.channels[item.topic] = item
-    return gathered.recording(path)
+    with naming(path):
+        for item in columns(path):
+            gathered.add(item)
+        return gathered.recording()
 
 
 class _Gathered:
     """What has been read of a bag so far."""
 
     def __init__(self) -> None:
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[str, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[str, Channel] = {}
         self._series = {'joint_states': Series(SAMPLE), 'joint_commands': Series(COMMAND),
                         'impulse_events': Series(IMPULSE)}
         self._damping = [np.zeros(0, DAMPING)]
         self._parameters: dict[str, dict[str, Any]] = {}
         self._changes: list[Change] = []
         self._receipt: dict[str, str] = {}
+        self._version = ''
+        self._unread: int | None = None
         self._roles: dict[str, str] = {}
         self._topics: set[str] = set()
         self._decoders = DecoderFactory()
 
-    def add_metadata(self, item: Metadata) -> None:
+    def add(self, item: Item) -> None:
+        """Take what a file holds."""
+        if isinstance(item, Column):
+            self._add_messages(item)
+        elif isinstance(item, Metadata):
+            self._add_metadata(item)
+        elif isinstance(item, Schema):
+            self._schemas[item.id] = item
+        elif isinstance(item, Channel):
+            self._channels[item.topic] = item
+        else:
+            self._unread = item.unread
+
+    def _add_metadata(self, item: Metadata) -> None:
         """Take a named record of strings."""
         if item.name.startswith(PARAMETERS):
             name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
@@ -119,16 +135,16 @@ class _Gathered:
             else:
                 self._parameters[name] = values
         elif item.name == PACKAGE:
+            self._version = item.metadata.get('version', '')
             self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
             self._receipt = item.metadata
 
-    def add_messages(self, column: Column) -> None:
+    def _add_messages(self, column: Column) -> None:
         """Take the messages of a topic."""
         self._topics.add(column.topic)
         role = self._roles.get(column.topic, column.topic.rsplit('/', 1)[-1])
-        channel = self.channels.get(column.topic)
-        schema = self.schemas.get(channel.schema_id) if channel else None
+        schema = self._type_of(column.topic)
         kind = schema.name if schema else ''
         if role in self._series and kind == JOINT_STATE:
             self._series[role].add(column, joint_of(self._parameters))
@@ -138,17 +154,27 @@ class _Gathered:
             decode = self._decoders.decoder_for('cdr', schema)
             self._changes += changes_of(column, decode) if decode else ()
 
-    def recording(self, path: Path) -> Recording:
+    def recording(self) -> Recording:
         """Return it as a whole."""
         states, commands, impulses = (one.in_order() for one in self._series.values())
         if self._topics and not len(states):
-            raise BagError(f'{path}: no joint_states of joint {joint_of(self._parameters)!r} '
-                           f'among its topics {", ".join(sorted(self._topics))}')
+            raise ValueError(f'no joint_states of joint {joint_of(self._parameters)!r} among its '
+                             f'topics {", ".join(sorted(map(self._typed, self._topics)))}')
         self._changes.sort(key=lambda change: (change.stamp, not change.anew))
         return Recording(
             states=states, commands=commands, impulses=impulses,
             damping=np.concatenate(self._damping), parameters=self._parameters,
-            changes=self._changes, receipt=self._receipt)
+            changes=self._changes, version=self._version, receipt=self._receipt,
+            unread=self._unread)
+
+    def _typed(self, topic: str) -> str:
+        """Return a topic with its type, where that is known."""
+        kind = self._type_of(topic)
+        return f'{topic} ({kind.name})' if kind else topic
+
+    def _type_of(self, topic: str) -> Schema | None:
+        channel = self._channels.get(topic)
+        return self._schemas.get(channel.schema_id) if channel else None
 
 
 def changes_of(events: Column, decode: Callable[[bytes], Any]) -> Iterator[Change]:
@@ -188,7 +214,7 @@ class Series:
     def add(self, column: Column, joint: str) -> None:
         """Take the messages of ``joint`` whose place is that of their stamp."""
         rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
-        layouts = self._layouts(joint)
+        layouts = layouts_of(self._kind, joint)
         for which, content in column.same_size():
             for number, layout in enumerate(layouts):
                 good, sec, nanosec, *values = layout.decode_rows(content)
@@ -209,16 +235,20 @@ class Series:
     def _measured(self) -> list[str]:
         return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
 
-    def _layouts(self, joint: str) -> list[JointStateLayout]:
-        if self._kind is IMPULSE:
-            return [JointStateLayout(joint, guard) for guard in GUARDS]
-        if self._kind is COMMAND:
-            return [JointStateLayout(joint, '', ('effort',))]
-        return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]
-
     def in_order(self) -> np.ndarray:
         """Return the rows in the order of their log time."""
         rows, times = np.concatenate(self._rows), np.concatenate(self._times)
+        self._rows, self._times = [rows], [times]  # the parts are not held twice
         if (times[1:] >= times[:-1]).all():
             return rows
         return rows[np.argsort(times, kind='stable')]
+
+
+@cache
+def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
+    """Return the layouts of the messages that rows of ``kind`` are made of."""
+    if kind is IMPULSE:
+        return [JointStateLayout(joint, guard) for guard in GUARDS]
+    if kind is COMMAND:
+        return [JointStateLayout(joint, '', ('effort',))]
+    return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]

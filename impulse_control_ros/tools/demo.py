@@ -1,10 +1,13 @@
 """
 ``make demo``: the underdamped axis with PD alone and with impulses, recorded and compared.
 
+It ends with the report that ``analyze --report`` makes of both.
+
 Each run is one process that needs no other and must hear no other: it is not discovered.
 """
 
 from datetime import datetime
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
@@ -15,6 +18,9 @@ from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.recording import read, Recording
+from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.tools.analyze.run import Run
+from impulse_control_ros.tools.analyze.table import responses_of
 
 CASES = ('pd_only_lower', 'underdamped')
 
@@ -56,6 +62,13 @@ def table(titles: list[str], columns: list[list[tuple[str, str]]]) -> str:
                      for name, *values in lines)
 
 
+def write_report(path: Path, runs: list[Run]) -> None:
+    """Write the report of the runs."""
+    from impulse_control_ros.tools.analyze.report import report
+    with replaced(path) as made:
+        made.write_text(report(runs, [one for run in runs for one in responses_of(run, False)]))
+
+
 def main() -> int:
     """Run both cases and print the table; returns the exit status."""
     folder = Path('runs', f'{datetime.now():%Y_%m_%d-%H_%M_%S}')
@@ -71,11 +84,17 @@ def main() -> int:
         if status or interrupts:
             return status or 1
     try:
-        columns = [rows(read(bag)) for bag in bags.values()]
+        runs = [Run(name=case, path=bag, recording=read(bag)) for case, bag in bags.items()]
     except BagError as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
+    columns = [rows(run.recording) for run in runs]
     print('\n' + table(['PD only', 'with impulses'], columns))
+    if find_spec('plotly') is None:
+        print('\nno report of the runs: it needs plotly (pip install plotly)')
+        return 0
+    write_report(folder / 'report.html', runs)
+    print(f'\nreport of both runs, for any browser: {folder / "report.html"}')
     return 0
 
 

@@ -31,3 +31,9 @@ def export_bag() -> int:
     """Write a bag as a table; it may be left at any moment."""
     StopRequest(patience=0)
     return int(import_module('impulse_control_ros.tools.export').main())
+
+
+def analyze() -> int:
+    """Say what recorded runs were; it may be left at any moment."""
+    StopRequest(patience=0)
+    return int(import_module('impulse_control_ros.tools.analyze.command').main())

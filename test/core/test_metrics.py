@@ -9,9 +9,13 @@ from impulse_control_ros.core.metrics import (
     COUNTS,
     figures,
     first_position_zero,
+    impulsive,
+    integral,
     overshoot,
     peak,
     settling_time,
+    stuck,
+    work,
 )
 from impulse_control_ros.core.simulate import simulate
 
@@ -76,3 +80,27 @@ def test_all_figures_at_once_are_the_figures_one_by_one(axis):
     assert result['impulse_area'] == pytest.approx(np.abs(run.events['area']).sum(), rel=1e-12)
     for name in COUNTS:
         assert result[name] == np.count_nonzero(run.events['guard'] == GUARDS.index(name))
+
+
+def test_an_integral_follows_the_time_where_samples_are_missing():
+    time = np.array([0.0, 0.1, 0.2, 0.7, 1.0])
+    assert integral(time, 3.0 * time) == pytest.approx(1.5, rel=1e-12)
+
+
+def test_work_is_effort_times_way_until_the_next_sample():
+    assert work(np.array([0.0, 2.0, 1.0]), np.array([3.0, 5.0, 100.0])) == 1.0
+
+
+def test_only_what_follows_an_impulse_without_a_gap_is_its_effort():
+    feedback = np.full(8, 1.0)
+    effort = np.array([1.0, 3.0, 1.0, 5.0, 4.0, 1.0, 2.0, 9.0])
+    fired = np.array([0, 0, 0, 1, 0, 0, 0, 1], bool)
+    assert impulsive(effort, feedback, fired).tolist() == [0, 0, 0, 4, 3, 0, 0, 8]
+    assert impulsive(effort, feedback, np.zeros(8, bool)).tolist() == [0] * 8
+
+
+def test_an_axis_is_stuck_from_the_second_sample_that_it_stands():
+    time, error = np.arange(8) * 0.5, np.array([1, 1, 1, 1, 1, 1, 0, 0.0])
+    assert stuck(time, np.array([0, 1, 0, 0, 0, 1, 0, 0.0]), error) == (1, 1.0)
+    assert stuck(time, np.array([0, 0, 1, 0, 0, 0, 0, 0.0]), error) == (2, 1.5)
+    assert stuck(time, np.array([0, 1, 0, 1, 0, 1, 0, 1.0]), error) == (0, 0.0)

@@ -15,6 +15,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.tools.arguments import Parser, UsageError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,18 +27,6 @@ NAME = 'paper_figures'
 # Without dates and versions the same runs give the same bytes.
 FORMATS: dict[str, dict[str, Any]] = {'png': {'Software': None}, 'pdf': {'CreationDate': None}}
 PRINT_DPI, DOCS_DPI = 200, 120
-
-
-class UsageError(Exception):
-    """What cannot be done, in one line."""
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser that refuses in one line."""
-
-    def error(self, message: str) -> None:  # type: ignore[override]
-        """Raise `UsageError`."""
-        raise UsageError(f'{message} (see --help)')
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:

@@ -1,0 +1,153 @@
+"""
+``analyze``: metrics of recorded runs, and on request a report and a figure.
+
+What takes time to import is imported on use, so that --help answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.tools.arguments import Parser, UsageError
+
+if TYPE_CHECKING:
+    from impulse_control_ros.tools.analyze.run import Run
+
+NAME = 'analyze'
+EPILOG = """\
+A figure of merit is measured over one response: from the last change of the set-point x_r (or the
+last reset, or the start) to the end of the bag; with --all over each one, BAG:1, BAG:2 and so on.
+Settling times count from there; 'from' and 'to' count from the first state. The error is x - x_r,
+with the x_r that the bag tells for each sample; the overshoot is on the side opposite of where the
+response begins. The effort is that of the command that answers each state; its impulsive part is
+what it has beside the feedback -K e - D v from the sample of an impulse on. Work is the sum of the
+effort that acted from each state to the next times the way, exact, as it is held over the sample.
+Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
+
+A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning."""
+
+
+def parsed(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options, or raise `UsageError`."""
+    parser = Parser(prog=NAME, description='Print figures of merit of recorded runs.',
+                    epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('bags', metavar='BAG', nargs='+', type=Path,
+                        help='a bag of ours: its folder, or the .mcap file in it')
+    parser.add_argument('--all', action='store_true', dest='every',
+                        help='each response of a bag, not its last one alone')
+    parser.add_argument('--format', choices=('text', 'json', 'csv'), default='text',
+                        help='of the table on stdout (default: %(default)s)')
+    parser.add_argument('--report', metavar='FILE.html', type=Path,
+                        help='write one page with plots to zoom in, which opens offline')
+    parser.add_argument('--figure', metavar='FILE.pdf|.png', type=Path,
+                        help='write a figure for print')
+    options = parser.parse_args(arguments)
+    for name, suffixes, package in (('report', ('.html',), 'plotly'),
+                                    ('figure', ('.pdf', '.png'), 'matplotlib')):
+        require_writable(name, getattr(options, name), suffixes, package)
+    return options
+
+
+def require_writable(name: str, path: Path | None, suffixes: tuple[str, ...], package: str
+                     ) -> None:
+    """Raise `UsageError` where a file of that name cannot be, or its package is missing."""
+    if path is None:
+        return
+    if path.suffix not in suffixes:
+        raise UsageError(f'--{name} {path}: allowed is a name that ends in '
+                         f'{" or ".join(suffixes)}')
+    if path.is_dir() or not path.parent.is_dir():
+        raise UsageError(f'--{name} {path}: '
+                         + ('this is a folder' if path.is_dir() else 'its folder does not exist'))
+    if find_spec(package) is None:
+        raise UsageError(f"--{name} needs {package}: pip install 'impulse_control_ros[analysis]'"
+                         f', or pip install {package}')
+
+
+def runs_of(bags: Sequence[Path]) -> Iterator[Run]:
+    """Read the bags; warns of what is not in them, and raises `UsageError` for what is none."""
+    from impulse_control_ros.files.columns import BagError
+    from impulse_control_ros.files.recording import read
+    from impulse_control_ros.tools.analyze.run import Run, settings_of
+    if len(set(bags)) < len(bags):
+        raise UsageError(f'{Counter(bags).most_common(1)[0][0]} is given twice')
+    names = Counter(bag.resolve().name for bag in bags)
+    for bag in bags:
+        try:
+            recording = read(bag)
+        except BagError as error:
+            raise UsageError(str(error)) from None
+        name = bag.resolve().name
+        run = Run(name=name if names[name] == 1 else str(bag), path=bag, recording=recording)
+        if recording.unread is not None:
+            warn_of_cut(run)
+        if len(recording.states) < 2:
+            raise UsageError(f'{bag}: there are {len(recording.states)} states in it; 2 are '
+                             'needed')
+        if not settings_of(recording):
+            warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
+        yield run
+
+
+def warn_of_cut(run: Run) -> None:
+    """Say how much of a bag was read."""
+    count = len(run.states)
+    seconds = f' ({run.time[-1]:g} s)' if count else ''
+    warn(f'{run.path} was cut off: {count} samples{seconds} are read, up to the last whole '
+         f'chunk; {run.recording.unread} bytes behind it cannot be')
+
+
+def warn(text: str) -> None:
+    """Say what the user should know, beside the result."""
+    print(f'{NAME}: warning: {text}', file=sys.stderr)
+
+
+def analyze(arguments: Sequence[str]) -> None:
+    """Do what the arguments say; raises `UsageError`."""
+    options = parsed(arguments)
+    from impulse_control_ros.tools.analyze.table import FORMATS, Response, responses_of
+    runs: list[Run] = []
+    responses: list[Response] = []
+    for run in runs_of(options.bags):
+        responses += responses_of(run, options.every)
+        if options.report or options.figure:
+            runs.append(run)
+    print(FORMATS[options.format](responses), flush=True)
+    if options.report:
+        from impulse_control_ros.tools.analyze.report import report
+        write(options.report, report(runs, responses).encode())
+    if options.figure:
+        from impulse_control_ros.tools.analyze.drawing import figure
+        write(options.figure, figure(runs, options.figure.suffix[1:]))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file as a whole, and say so beside the result."""
+    with replaced(path) as made:
+        made.write_bytes(content)
+    print(f'{NAME}: wrote {path}', file=sys.stderr)
+
+
+def status(arguments: Sequence[str]) -> int:
+    """Do what the arguments say; returns the exit status."""
+    try:
+        analyze(arguments)
+    except UsageError as error:
+        print(f'{NAME}: {error}', file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f'{NAME}: {error.filename2 or error.filename}: {error.strerror}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def main() -> int:
+    """Run the command line; returns the exit status."""
+    return status(sys.argv[1:])

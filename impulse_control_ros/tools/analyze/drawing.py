@@ -1,0 +1,95 @@
+"""A figure of recorded runs for print: over time on the left, in the phase plane on the right."""
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.tools.analyze.run import Run
+from impulse_control_ros.tools.paper.command import FORMATS, PRINT_DPI
+from impulse_control_ros.tools.paper.drawing import phase_plane, STYLE, TIME, VELOCITY, WIDTH
+
+COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
+MARKS: dict[str, dict[str, Any]] = {
+    'position_zero': {'color': '#CC79A7', 'marker': 'o', 'label': 'impulse at e = 0'},
+    'velocity_zero': {'color': '#009E73', 'marker': 'D', 'label': 'impulse at v = 0'},
+    'sticking': {'color': '#E69F00', 'marker': 's', 'label': 'impulse while sticking'}}
+PANELS = {'position': 'position [m]', 'velocity': VELOCITY, 'feedback': 'PD effort [N]',
+          'impulse': 'impulses [N]', 'damping': 'damping [N s/m]'}
+HEIGHT = 1.35  # in; of a panel
+MANY = 5000  # points of a kind; more are drawn as pixels
+CLOSE = 0.01  # share of the largest error that is near the origin
+
+
+def figure(runs: Sequence[Run], suffix: str) -> bytes:
+    """Return the content of a file; the same runs give the same bytes."""
+    content = BytesIO()
+    with rc_context({**STYLE, 'agg.path.chunksize': 20_000}):
+        drawn(runs).savefig(content, format=suffix, dpi=PRINT_DPI, metadata=FORMATS[suffix])
+    return content.getvalue()
+
+
+def drawn(runs: Sequence[Run]) -> Figure:
+    """Return the figure."""
+    names = [name for name in PANELS
+             if name != 'damping' or any(len(run.recording.damping) for run in runs)]
+    whole = Figure(figsize=(WIDTH, HEIGHT * len(names) + 0.5), layout='constrained')
+    halves: Any = whole.subfigures(1, 2, width_ratios=(1.5, 1.0))
+    left, right = halves
+    panels = left.subplots(len(names), 1, sharex=True)
+    plane, near = right.subplots(2, 1)
+    for run, color in zip(runs, COLORS * len(runs), strict=False):
+        for axes, name in zip(panels, names, strict=True):
+            over_time(axes, run, name, color)
+        for axes in (plane, near):
+            axes.plot(run.error, run.states['velocity'], color=color)
+            mark_impulses(axes, run, run.error, run.states['velocity'])
+    for axes, name in zip(panels, names, strict=True):
+        axes.set_ylabel(PANELS[name])
+    panels[-1].set_xlabel(TIME)
+    for axes in (plane, near):
+        phase_plane(axes)
+        axes.set_xlabel('error [m]')
+    near.set(title='near the origin', **close_limits(runs))
+    entries = {label: handle for axes in (panels[0], plane) for handle, label in zip(
+        *axes.get_legend_handles_labels(), strict=True)}
+    whole.legend(entries.values(), entries.keys(), loc='outside upper center', ncols=4)
+    return whole
+
+
+def over_time(axes: Axes, run: Run, name: str, color: str) -> None:
+    """Draw one panel of a run."""
+    if name == 'damping':
+        damping = run.recording.damping
+        time = (damping['stamp'] - run.states['stamp'][0]) / SECOND
+        axes.plot(time, damping['damping'], color=color, linewidth=1.0)
+        return
+    values = run.states[name] if name in ('position', 'velocity') else getattr(run, name)
+    axes.plot(run.time, values, color=color, label=run.name)
+    if name != 'feedback':
+        mark_impulses(axes, run, run.time, values)
+
+
+def mark_impulses(axes: Axes, run: Run, x: np.ndarray, y: np.ndarray) -> None:
+    """Mark the samples of the impulses by their guard."""
+    for name, style in MARKS.items():
+        at = run.fired[run.recording.impulses['guard'] == GUARDS.index(name)]
+        if at.size:
+            axes.plot(x[at], y[at], linestyle='', markersize=3, zorder=3,
+                      rasterized=at.size > MANY, **style)
+
+
+def close_limits(runs: Sequence[Run]) -> dict[str, tuple[float, float]]:
+    """Return the limits of the phase plane near the origin."""
+    close = CLOSE * max(float(np.abs(run.error).max()) for run in runs) or CLOSE
+    speeds = np.concatenate([
+        [0.0], *(run.states['velocity'][np.abs(run.error) < close] for run in runs)])
+    room = 0.05 * float(np.ptp(speeds)) or close
+    return {'xlim': (-close, close),
+            'ylim': (float(speeds.min()) - room, float(speeds.max()) + room)}

@@ -1,0 +1,84 @@
+"""One HTML page with the runs, their figures of merit and all that it needs to show them."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from importlib import resources
+import json
+from typing import Any
+
+import numpy as np
+from plotly.offline import get_plotlyjs
+
+from impulse_control_ros import __version__
+from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metrics import ROUNDING
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.tools.analyze.packing import deflated, on_grid, packed
+from impulse_control_ros.tools.analyze.run import Run
+from impulse_control_ros.tools.analyze.table import Response, rows_of
+
+PAGE = resources.files('impulse_control_ros.tools.analyze') / 'page'
+BLOB = '<script type="text/plain" data-name="{}">{}</script>'
+
+
+def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
+    """Return the page; it asks for nothing but a browser."""
+    facts = {'version': __version__, 'guards': GUARDS, 'table': rows_of(responses),
+             'runs': [facts_of(run) for run in runs]}
+    # '<' could end the element
+    data = json.dumps(facts, separators=(',', ':')).replace('<', '\\u003c')
+    blobs = [BLOB.format('plotly', deflated(get_plotlyjs().encode()))]
+    for number, run in enumerate(runs):
+        blobs += [BLOB.format(f'{number}.{name}', packed(values))
+                  for name, values in arrays_of(run)]
+    page = part('page.html')
+    for place, content in (
+            ('STYLE', part('page.css')), ('FACTS', data), ('BLOBS', '\n'.join(blobs)),
+            ('SCRIPT', part('samples.js') + part('page.js'))):
+        before, after = page.split(f'<!--{place}-->')
+        page = before + content + after
+    return page
+
+
+def part(name: str) -> str:
+    """Return a file of the page."""
+    return (PAGE / name).read_text(encoding='utf-8')
+
+
+def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield what the page draws, by name; times in units of `facts_of`."""
+    states, damping = run.states, run.recording.damping
+    yield 'time', on_grid(states['stamp'] - states['stamp'][0])[0]
+    yield 'error', run.error
+    yield 'velocity', states['velocity']
+    yield 'impulse', run.impulse
+    # the feedback is the law's, nearly always: nothing else is to be packed
+    rest = run.feedback - run.law
+    yield 'rest', np.where(np.abs(rest) > ROUNDING * np.maximum(1.0, np.abs(run.law)), rest, 0.0)
+    yield 'fired', run.fired
+    yield 'guard', run.recording.impulses['guard']
+    yield 'damping_at', np.searchsorted(states['stamp'][:-1], damping['stamp'])
+    yield 'damping', damping['damping']
+
+
+def facts_of(run: Run) -> dict[str, Any]:
+    """Return what the page says of a run, and needs to draw it."""
+    recording, stamps = run.recording, run.states['stamp']
+    cut = '' if recording.unread is None else (
+        f'cut off: {recording.unread} bytes at the end could not be read')
+    return {
+        'name': run.name, 'count': len(stamps), 'unit': on_grid(stamps - stamps[0])[1] / SECOND,
+        'settings': [{'first': setting.first, **setting.values} for setting in run.settings],
+        'parameters': {node: texts(values.items()) for node, values in
+                       recording.parameters.items()},
+        'changes': [(f'{(change.stamp - stamps[0]) / SECOND:.9g} s', change.node,
+                     texts(change.values.items())) for change in recording.changes],
+        'provenance': texts([
+            ('bag', str(run.path)), ('recorded by', f'impulse_control_ros {recording.version}'),
+            ('first state at', f'{stamps[0] / SECOND:.9f} s'), *recording.receipt.items(),
+            *([('end', cut)] if cut else [])])}
+
+
+def texts(items: Iterable[tuple[str, Any]]) -> dict[str, str]:
+    """Return values as they are read."""
+    return {name: value if isinstance(value, str) else json.dumps(value)
+            for name, value in items}

@@ -1,0 +1,154 @@
+"""
+A recorded run on its grid of samples: what was measured, and what it was to do.
+
+==============  =====  ==================================================================
+name            unit   meaning
+==============  =====  ==================================================================
+time            s      since the first state, by the stamps
+error           m      e = x - x_r(t)
+effort          N      u of the command that answers each state
+impulse         N      its impulsive part
+feedback        N      the rest of it
+law             N      the feedback as the gains have it (4); 0 where the bag tells none
+applied         N      the effort that acted from each state to the next
+==============  =====  ==================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impulse_control_ros.core.metrics import impulsive
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.recording import Recording
+
+NO_GAINS = {'x_r': 0.0, 'K': 0.0, 'D': 0.0, 'effort_limit': 0.0}
+
+
+class Setting(NamedTuple):
+    """Parameters of the controller, those of `NO_GAINS`, that act from the state ``first`` on."""
+
+    first: int
+    values: Mapping[str, float]
+
+
+def settings_of(recording: Recording) -> list[Setting]:
+    """
+    Return what the controller was set to over the run: the one place that x_r(t) comes from.
+
+    Empty where no node of the bag tells a set-point.
+    """
+    node = next((name for name, values in recording.parameters.items() if 'x_r' in values), None)
+    if node is None:
+        return []
+    settings = [Setting(0, told(NO_GAINS, recording.parameters[node]))]
+    for change in recording.changes:
+        if change.node == node:
+            first = int(np.searchsorted(recording.states['stamp'], change.stamp))
+            before = NO_GAINS if change.anew else settings[-1].values
+            settings.append(Setting(first, told(before, change.values)))
+    return settings
+
+
+def told(before: Mapping[str, float], values: Mapping[str, Any]) -> Mapping[str, float]:
+    """Return what was set ``before``, with what is new among ``values``."""
+    return {name: values.get(name, value) for name, value in before.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A recorded run by its ``name``, as shown, and the ``path`` of its bag, as given."""
+
+    name: str
+    path: Path
+    recording: Recording
+
+    @property
+    def states(self) -> np.ndarray:
+        """Return the states, shape (n,)."""
+        return self.recording.states
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Return the time since the first state [s], shape (n,)."""
+        stamps = self.states['stamp']
+        return (stamps - stamps[0]) / SECOND
+
+    @cached_property
+    def settings(self) -> list[Setting]:
+        """Return what the controller was set to; a set-point of 0 where nobody tells one."""
+        return settings_of(self.recording) or [Setting(0, NO_GAINS)]
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Return e = x - x_r(t) [m], shape (n,)."""
+        error = self.states['position'].copy()
+        for part, values in self._spans():
+            error[part] -= values['x_r']
+        return error
+
+    @cached_property
+    def applied(self) -> np.ndarray:
+        """Return the effort [N] from each state to the next, as the next one tells it, (n,)."""
+        return np.append(self.states['effort'][1:], 0.0)
+
+    @cached_property
+    def effort(self) -> np.ndarray:
+        """Return the effort [N] of each state's command, or what was applied without one, (n,)."""
+        effort, commands = self.applied.copy(), self.recording.commands
+        place = self._places(commands['stamp'])
+        answers = self.states['stamp'][place] == commands['stamp']
+        effort[place[answers]] = commands['effort'][answers]
+        return effort
+
+    @cached_property
+    def law(self) -> np.ndarray:
+        """Return the feedback [N] that the gains give, shape (n,)."""
+        law = np.zeros(len(self.states))
+        for part, values in self._spans():
+            limit = values['effort_limit'] or np.inf
+            law[part] = np.clip(
+                -values['K'] * self.error[part] - values['D'] * self.states['velocity'][part],
+                -limit, limit)
+        return law
+
+    @cached_property
+    def fired(self) -> np.ndarray:
+        """Return the index of the state of each impulse, shape (k,)."""
+        return self._places(self.recording.impulses['stamp'])
+
+    @cached_property
+    def impulse(self) -> np.ndarray:
+        """Return the impulsive part of the effort [N], shape (n,)."""
+        fired = np.zeros(len(self.states), bool)
+        fired[self.fired] = True
+        return impulsive(self.effort, self.law, fired)
+
+    @property
+    def feedback(self) -> np.ndarray:
+        """Return the effort without the impulses [N], shape (n,)."""
+        return self.effort - self.impulse
+
+    def _places(self, stamps: np.ndarray) -> np.ndarray:
+        """Return the index of the state of each of ``stamps``, or of the next one."""
+        return np.minimum(np.searchsorted(self.states['stamp'], stamps), len(self.states) - 1)
+
+    @cached_property
+    def responses(self) -> list[slice]:
+        """Return the spans of states from each change of x_r, or reset, to the next."""
+        starts = set(np.flatnonzero(self.states['marked']).tolist())
+        starts |= {after.first for before, after in pairwise(self.settings)
+                   if before.values['x_r'] != after.values['x_r']}
+        inside = sorted(start for start in starts if 0 < start < len(self.states))
+        return [slice(*ends) for ends in pairwise([0, *inside, len(self.states)])]
+
+    def _spans(self) -> list[tuple[slice, Mapping[str, float]]]:
+        """Return each setting with its span of states."""
+        ends = [setting.first for setting in self.settings[1:]] + [len(self.states)]
+        return [(slice(setting.first, end), setting.values)
+                for setting, end in zip(self.settings, ends, strict=True)]

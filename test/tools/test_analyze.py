@@ -1,0 +1,390 @@
+"""The table of ``analyze``, and what it refuses."""
+
+from contextlib import redirect_stderr, redirect_stdout
+import csv
+from io import StringIO
+import json
+import re
+import signal
+import subprocess
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metrics import COUNTS, figures, work
+from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.files.bag import BagWriter
+from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
+from impulse_control_ros.files.recording import read
+from impulse_control_ros.tools.analyze.command import NAME, status
+from impulse_control_ros.tools.analyze.table import FIGURES
+from test.conftest import BIN, CONFIG, ROOT, wait_for
+from test.files.test_bag import START, STATE, topic
+from test.tools.bags import begun, entries, experiment, finished, recorded
+
+
+def analyzed(capsys, *arguments):
+    """Return exit status, stdout and the lines of stderr."""
+    code = status([str(item) for item in arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err.splitlines()
+
+
+def responses(capsys, *arguments):
+    """Return what JSON says."""
+    code, out, err = analyzed(capsys, *arguments, '--format', 'json')
+    assert code == 0, err
+    return json.loads(out)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp('bags') / 'run', 'underdamped', 0.5)[0]
+
+
+# -- figures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['underdamped', 'pd_only_lower', 'time_varying', 'coulomb'])
+def test_the_figures_of_a_bag_are_those_of_its_simulation(tmp_path, capsys, name):
+    path, run = recorded(tmp_path / name, name, 1.3)
+    got, = responses(capsys, path)
+    error = run.position - experiment(name).controller.x_r
+    expected = figures(run.time, error, run.velocity, run.effort, run.events, (1e-2, 1e-3))[0]
+    for key, value in zip(('settling_time_0.01', 'settling_time_0.001'),
+                          expected['settling_time'], strict=True):
+        assert got[key] == (None if np.isnan(value) else pytest.approx(value, rel=1e-12))
+    for key in ('overshoot', 'iae', 'ise', 'final_error', 'peak_velocity', 'impulse_area',
+                'peak_effort', *COUNTS):
+        assert got[key] == pytest.approx(expected[key], rel=1e-9), key
+    for guard in COUNTS:
+        area = np.abs(run.events['area'][run.events['guard'] == GUARDS.index(guard)]).sum()
+        assert got[f'{guard}_area'] == pytest.approx(area, rel=1e-12)
+    assert (got['start'], got['end'], got['samples']) == (0.0, 1.3, 13_001)
+    assert (got['impulses'], got['missing']) == (len(run.events), 0)
+
+
+@pytest.mark.parametrize(('name', 'axis'), [
+    ('underdamped', {}), ('time_varying', {}), ('coulomb', {'x_0': 0.4})])
+def test_the_work_is_the_kinetic_energy_and_what_damping_and_friction_take(
+        tmp_path, capsys, name, axis):
+    path, run = recorded(tmp_path / name, name, 0.5, axis)
+    plant = experiment(name).plant_simulator
+    got, = responses(capsys, path)
+    middle = 0.5 * (run.velocity[1:] + run.velocity[:-1])
+    taken = np.sum((run.damping * middle**2 + plant.F_c * np.abs(middle)) * plant.time_step)
+    kinetic = 0.5 * plant.m * (run.velocity[-1]**2 - run.velocity[0]**2)
+    assert got['work'] == pytest.approx(kinetic + taken, rel=2e-2)
+    fired = run.events['tick']
+    jumps = 0.5 * plant.m * np.sum(run.velocity[fired + 1]**2 - run.velocity[fired]**2)
+    assert got['impulse_work'] == pytest.approx(jumps, rel=1e-1)
+
+
+@pytest.mark.parametrize('limit', [0.0, 100.0, 20.0])
+def test_impulses_are_told_from_the_feedback_whatever_the_effort_limit(tmp_path, capsys, limit):
+    path, run = recorded(tmp_path / 'run', 'underdamped', 0.5, effort_limit=limit)
+    got, = responses(capsys, path)
+    assert got['peak_effort'] == np.abs(run.effort).max()
+    assert got['peak_feedback'] == pytest.approx(5.0)
+    gains = experiment('underdamped').controller
+    feedback = np.clip(-gains.K * run.position - gains.D * run.velocity,
+                       *((-limit, limit) if limit else (-np.inf, np.inf)))
+    rest = run.effort - feedback
+    assert got['impulse_work'] == pytest.approx(work(run.position, rest), rel=1e-9)
+
+
+def test_pd_alone_sticks_where_friction_holds_it(tmp_path, capsys):
+    path, run = recorded(tmp_path / 'run', 'coulomb', 1.0, impulses=False)
+    got, = responses(capsys, path)
+    stands = np.flatnonzero(run.velocity != 0.0)[-1] + 1
+    assert got['stuck'] == 1
+    assert got['stuck_time'] == pytest.approx(1.0 - run.time[stands])
+    assert got['settling_time_0.01'] is None
+
+
+# -- set-points -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stepped(tmp_path):
+    """Return a bag whose set-point goes from 0 to 0.2 m at 0.5 s, and the runs in it."""
+    made = experiment('underdamped')
+    first = simulate(made.plant_simulator, made.controller, 0.5)
+    axis = type(made.plant_simulator)(
+        **{name: getattr(made.plant_simulator, name)
+           for name in made.plant_simulator.__dataclass_fields__} | {
+               'x_0': float(first.position[-1]), 'v_0': float(first.velocity[-1])})
+    gains = type(made.controller)(
+        **{name: getattr(made.controller, name)
+           for name in made.controller.__dataclass_fields__} | {'x_r': 0.2})
+    second = simulate(axis, gains, 0.7)
+    writer = begun(tmp_path / 'stepped', made)
+    writer.write(entry for entry in entries(first) if entry[0] < START + 500_000_000)
+    writer.add_metadata(f'parameters:/controller:{START + 500_000_000}', {
+        name: json.dumps(value) for name, value in gains.flat().items()})
+    writer.write(entries(second, 5000, reset=False))
+    return finished(writer), first, second
+
+
+def test_the_last_response_is_judged_from_its_set_point_change_on(stepped, capsys):
+    path, _, second = stepped
+    got, = responses(capsys, path)
+    assert (got['bag'], got['start'], got['end']) == ('stepped', 0.5, 1.2)
+    error = second.position - 0.2
+    expected = figures(second.time, error, second.velocity, second.effort, second.events,
+                       (1e-2, 1e-3))[0]
+    assert got['settling_time_0.01'] == pytest.approx(expected['settling_time'][0])
+    assert got['overshoot'] == expected['overshoot']
+    assert got['iae'] == pytest.approx(expected['iae'], rel=1e-9)
+    assert got['impulses'] == len(second.events)
+    assert got['peak_feedback'] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_all_responses_of_a_bag_are_judged_one_by_one(stepped, capsys):
+    path, first, second = stepped
+    got = responses(capsys, path, '--all')
+    assert [item['bag'] for item in got] == ['stepped:1', 'stepped:2']
+    assert [item['impulses'] for item in got] == [
+        np.count_nonzero(first.events['tick'] < 5000), len(second.events)]
+    assert got[0]['settling_time_0.01'] == pytest.approx(0.1186)
+    assert [item['samples'] for item in got] == [5000, 7001]
+
+
+def test_a_reset_begins_another_response(tmp_path, capsys):
+    made = experiment('underdamped')
+    run = simulate(made.plant_simulator, made.controller, 0.3)
+    writer = begun(tmp_path / 'run', made)
+    writer.write(entries(run))
+    writer.write(entries(run, 3001))
+    finished(writer)
+    one, two = responses(capsys, tmp_path / 'run', '--all')
+    assert two['start'] == pytest.approx(0.3001)
+    for name in ('settling_time_0.001', 'work', 'impulses', 'overshoot', 'samples'):
+        assert one[name] == pytest.approx(two[name]), name
+
+
+def test_missing_samples_are_counted_and_do_not_shift_the_time(tmp_path, capsys):
+    made = experiment('pd_only_lower')
+    run = simulate(made.plant_simulator, made.controller, 2.0)
+    writer = begun(tmp_path / 'run', made)
+    lost = {START + k * 100_000 for k in range(700, 800)}
+    writer.write(entry for entry in entries(run) if entry[0] not in lost)
+    got, = responses(capsys, finished(writer))
+    assert got['missing'] == 100
+    assert got['settling_time_0.01'] == pytest.approx(1.1145)
+    assert got['iae'] == pytest.approx(0.11116, rel=1e-3)
+
+
+# -- formats ----------------------------------------------------------------------------------
+
+
+def test_the_formats_hold_the_same_figures(bag, capsys):
+    code, text, err = analyzed(capsys, bag)
+    assert (code, err) == (0, [])
+    exact, = responses(capsys, bag)
+    rows = list(csv.DictReader(analyzed(capsys, bag, '--format', 'csv')[1].splitlines()))
+    assert len(rows) == 1
+    assert list(rows[0]) == list(exact) == ['bag', 'path', *FIGURES]
+    for name, value in exact.items():
+        assert rows[0][name] == ('' if value is None else str(value))
+    lines = text.splitlines()
+    assert lines[0].split() == ['run']
+    assert len(lines) == 1 + len(FIGURES)
+    assert 'settling time to 0.01 m [s]' in text
+    assert float(lines[3].split()[-1]) == pytest.approx(exact['settling_time_0.01'], rel=1e-4)
+
+
+def test_what_never_settles_is_never_and_null_and_empty(tmp_path, capsys):
+    path, _ = recorded(tmp_path / 'run', 'pd_only_lower', 0.1)
+    assert 'never' in analyzed(capsys, path)[1]
+    assert responses(capsys, path)[0]['settling_time_0.01'] is None
+    row, = csv.DictReader(analyzed(capsys, path, '--format', 'csv')[1].splitlines())
+    assert row['settling_time_0.01'] == ''
+
+
+def test_bags_of_one_name_are_told_apart(tmp_path, capsys):
+    paths = [recorded(tmp_path / name / 'run', 'underdamped', 0.01)[0] for name in 'ab']
+    assert [item['bag'] for item in responses(capsys, *paths)] == [str(path) for path in paths]
+
+
+def test_help_says_what_is_measured_from_where():
+    said = subprocess.run([BIN / NAME, '--help'], check=True, capture_output=True, text=True)
+    for words in ('--report', '--figure', 'last change of the set-point', 'v = 0'):
+        assert words in said.stdout
+
+
+def test_the_documentation_names_every_figure_and_no_other():
+    page = (ROOT / 'docs' / 'analyze.md').read_text()
+    rows = page[page.index('| name |'):page.index('The impulsive part')].strip().splitlines()[2:]
+    names = [name for row in rows for name in re.findall(r'`([\w.]+)`', row.split('|')[1])]
+    assert sorted(names) == sorted(FIGURES)
+
+
+@pytest.mark.parametrize(('suffix', 'magic'), [('png', b'\x89PNG'), ('pdf', b'%PDF')])
+def test_a_figure_is_drawn_the_same_again(tmp_path, capsys, bag, suffix, magic):
+    other, _ = recorded(tmp_path / 'other', 'time_varying', 0.3)
+    path = tmp_path / f'figure.{suffix}'
+    drawn = []
+    for _ in range(2):
+        code, _, err = analyzed(capsys, bag, other, '--figure', path)
+        assert (code, err) == (0, [f'analyze: wrote {path}'])
+        drawn.append(path.read_bytes())
+    assert drawn[0].startswith(magic)
+    assert drawn[0] == drawn[1]
+
+
+# -- bad bags ---------------------------------------------------------------------------------
+
+
+def empty_folder(path, bag):
+    path.mkdir()
+
+
+def content(data):
+    return lambda path, bag: path.write_bytes(data)
+
+
+def whole(bag):
+    return bytearray(next(bag.glob('*.mcap')).read_bytes())
+
+
+def flipped(path, bag):
+    data = whole(bag)
+    data[len(data) // 2] ^= 0x10
+    path.write_bytes(data)
+
+
+def cut_before_a_chunk(path, bag):
+    data = whole(bag)
+    path.write_bytes(data[:data.index(b'parameters:/plant') + 50])
+
+
+def with_topic(name, kind, raw):
+    def make(path, bag):
+        writer = BagWriter(path)
+        writer.write([(START, writer.add_topic(topic(name, kind)), raw)])
+        writer.close()
+    return make
+
+
+def one_state(path, bag):
+    with_topic('/joint_states', 'sensor_msgs/msg/JointState', STATE.encode(1, 0, 0, 0, 0))(
+        path, bag)
+
+
+def another_joint(path, bag):
+    raw = JointStateLayout('elbow').encode(1, 0, 0, 0, 0)
+    with_topic('/joint_states', 'sensor_msgs/msg/JointState', raw)(path, bag)
+
+
+def without_messages(path, bag):
+    BagWriter(path).close()
+
+
+BAD = {
+    'no such path': (lambda path, bag: None, 'does not exist'),
+    'empty folder': (empty_folder, 'has 0 .mcap files'),
+    'empty file': (content(b''), 'no MCAP file'),
+    'another kind of file': (content(b'SQLite format 3\0' * 100), 'no MCAP file'),
+    'flipped byte': (flipped, 'damaged'),
+    'truncated in its head': (cut_before_a_chunk, 'there are 0 states'),
+    'no messages': (without_messages, 'there are 0 states'),
+    'one state': (one_state, 'there are 1 states'),
+    'no topics of ours': (with_topic('/odom', 'std_msgs/msg/Float64', encode_float64(1.0)),
+                          'no joint_states .* /odom \\(std_msgs/msg/Float64\\)'),
+    'our topic of another type': (
+        with_topic('/joint_states', 'std_msgs/msg/Float64', encode_float64(1.0)),
+        'no joint_states .* /joint_states \\(std_msgs/msg/Float64\\)'),
+    'another joint': (another_joint, "no joint_states of joint 'axis'"),
+}
+
+
+@pytest.mark.parametrize('what', BAD)
+def test_a_bad_bag_is_refused_in_one_line_and_nothing_is_written(tmp_path, capsys, bag, what):
+    make, why = BAD[what]
+    path = tmp_path / 'bad'
+    make(path, bag)
+    before = {item: item.stat().st_mtime_ns for item in tmp_path.rglob('*')}
+    code, out, err = analyzed(capsys, bag, path, '--report', tmp_path / 'r.html',
+                              '--figure', tmp_path / 'f.png')
+    assert (code, out) == (2, '')
+    line = err[-1]
+    assert line.startswith('analyze: ')
+    assert str(path) in line
+    assert re.search(why, line)
+    assert [item for item in err[:-1] if not item.startswith('analyze: warning: ')] == []
+    assert before == {item: item.stat().st_mtime_ns for item in tmp_path.rglob('*')}
+
+
+@settings(max_examples=150, deadline=None)
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(
+        tmp_path_factory, bag, place, bit):
+    data = whole(bag)
+    data[int(place * len(data))] ^= 1 << bit
+    path = tmp_path_factory.mktemp('flip') / 'bad.mcap'
+    path.write_bytes(data)
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = status([str(path)])
+    if code:
+        assert (code, out.getvalue()) == (2, '')
+        assert err.getvalue().splitlines()[-1].startswith(f'analyze: {path}')
+    else:
+        assert read(path).states.tobytes() == read(bag).states.tobytes()
+
+
+@pytest.mark.parametrize(('arguments', 'why'), [
+    ([], 'BAG'), (['{bag}', '--format', 'xml'], 'xml'), (['{bag}', '{bag}'], 'given twice'),
+    (['{bag}', '--report', 'r.pdf'], r'r.pdf: .* \.html'),
+    (['{bag}', '--figure', 'f.gif'], r'f.gif: .* \.pdf or \.png'),
+    (['{bag}', '--report', '/nowhere/r.html'], 'folder does not exist'),
+])
+def test_a_bad_command_line_is_refused_in_one_line(capsys, bag, arguments, why):
+    code, out, err = analyzed(capsys, *(item.format(bag=bag) for item in arguments))
+    assert (code, out, len(err)) == (2, '', 1)
+    assert err[0].startswith('analyze: ')
+    assert re.search(why, err[0])
+
+
+# -- cut off ----------------------------------------------------------------------------------
+
+
+def test_a_cut_off_bag_is_analysed_up_to_its_last_whole_chunk(tmp_path, capsys):
+    path, run = recorded(tmp_path / 'run', 'time_varying', 2.0)
+    data = whole(path)
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(data[:len(data) * 2 // 3])
+    code, out, err = analyzed(capsys, cut, '--format', 'json')
+    got, = json.loads(out)
+    count = got['samples']
+    assert code == 0
+    assert 4000 < count < 20_001
+    line, = err
+    assert line.startswith(f'analyze: warning: {cut} was cut off: {count} samples '
+                           f'({(count - 1) * 1e-4:g} s)')
+    unread = int(line.split('; ')[1].split()[0])
+    # what is read of the file without these bytes is the same, and nothing is left over
+    cut.write_bytes(cut.read_bytes()[:-unread])
+    _, again, (line,) = analyzed(capsys, cut, '--format', 'json')
+    assert again == out
+    assert '; 0 bytes' in line
+    assert got['peak_velocity'] == np.abs(run.velocity[:count]).max()
+
+
+def test_the_bag_of_a_killed_recorder_is_analysed_with_a_warning(graph, capsys):
+    bag = graph.folder / 'killed'
+    process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={bag}', '-p',
+                          'plant_simulator:duration:=100.0', config=CONFIG / 'underdamped.yaml')
+    file = bag / 'killed_0.mcap'
+    wait_for(lambda: file.exists() and file.stat().st_size > 100_000, 'some chunks in the bag')
+    process.send(signal.SIGKILL)
+    process.wait()
+    code, out, err = analyzed(capsys, bag, '--format', 'json')
+    assert code == 0
+    assert 'was cut off' in err[0]
+    got, = json.loads(out)
+    assert got['samples'] > 2000
+    assert got['missing'] == 0
