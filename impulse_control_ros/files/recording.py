@@ -70,6 +70,16 @@ class Recording:
     receipt: Mapping[str, str]
     unread: int | None
 
+    def history(self, node: str) -> Iterator[Change]:
+        """Yield all parameters of ``node`` from the start on, stamp 0, and after each change."""
+        before = Change(0, node, self.parameters[node], anew=True)
+        yield before
+        for change in self.changes:
+            if change.node == node:
+                values = change.values if change.anew else {**before.values, **change.values}
+                before = change._replace(values=values)
+                yield before
+
 
 def storage_file(bag: str | Path) -> Path:
     """Return the MCAP file of a bag folder, or the file itself."""

@@ -49,17 +49,9 @@ def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[s
 
     ``overrides`` hold from the start to the end. Raises `ParameterError` for a wrong one.
     """
-    node = node_of(recording, kind)
-    values = dict(recording.parameters[node])
-
-    def built() -> Any:
-        return build(kind, {**{name: value for name, value in values.items()
-                               if not is_foreign(name)}, **overrides})
-    yield 0, True, built()
-    for change in recording.changes:
-        if change.node == node:
-            values = dict(change.values) if change.anew else {**values, **change.values}
-            yield change.stamp, change.anew, built()
+    for stamp, _, values, anew in recording.history(node_of(recording, kind)):
+        ours = {name: value for name, value in values.items() if not is_foreign(name)}
+        yield stamp, anew, build(kind, {**ours, **overrides})
 
 
 def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,18 +46,9 @@ def settings_of(recording: Recording) -> list[Setting]:
     node = next((name for name, values in recording.parameters.items() if 'x_r' in values), None)
     if node is None:
         return []
-    settings = [Setting(0, told(NO_GAINS, recording.parameters[node]))]
-    for change in recording.changes:
-        if change.node == node:
-            first = int(np.searchsorted(recording.states['stamp'], change.stamp))
-            before = NO_GAINS if change.anew else settings[-1].values
-            settings.append(Setting(first, told(before, change.values)))
-    return settings
-
-
-def told(before: Mapping[str, float], values: Mapping[str, Any]) -> Mapping[str, float]:
-    """Return what was set ``before``, with what is new among ``values``."""
-    return {name: values.get(name, value) for name, value in before.items()}
+    return [Setting(int(np.searchsorted(recording.states['stamp'], change.stamp)),
+                    {name: change.values.get(name, value) for name, value in NO_GAINS.items()})
+            for change in recording.history(node)]
 
 
 @dataclass(frozen=True, kw_only=True)
