@@ -100,12 +100,19 @@ def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
 
 def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     """Run the bag again; returns what to print, and whether every message is the same."""
+    from impulse_control_ros.files.columns import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.difference import difference, lines_of, same
     from impulse_control_ros.tools.rerun import closed_loop, open_loop
 
     recording, overrides = read(options.bag), overrides_of(options)
-    rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
+    if recording.unread is not None:
+        print(f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '
+              'cannot be read', file=sys.stderr)
+    try:
+        rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
+    except BagError as error:
+        raise BagError(f'{options.bag}: {error}') from None
     found = {topic: difference(*pair) for topic, pair in rerun.pairs.items()}
     identical = same(found)
     return [

@@ -18,6 +18,8 @@ from impulse_control_ros.files.experiment import (
 )
 from impulse_control_ros.files.recording import COMMAND, DAMPING, IMPULSE, Recording, SAMPLE
 
+WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rerun:
@@ -38,8 +40,8 @@ def node_of(recording: Recording, kind: type[Parameters]) -> str:
         ours = {name for name in values if not is_foreign(name)}
         if ours and ours <= known:
             return node
-    raise BagError(f'no node of the bag has the parameters of a {kind.__name__}: '
-                   f'{", ".join(recording.parameters) or "it names none"}')
+    raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
+                   f'its nodes: {", ".join(recording.parameters) or "none"}')
 
 
 def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
@@ -52,6 +54,13 @@ def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[s
     for stamp, _, values, anew in recording.history(node_of(recording, kind)):
         ours = {name: value for name, value in values.items() if not is_foreign(name)}
         yield stamp, anew, build(kind, {**ours, **overrides})
+
+
+def states_of(recording: Recording) -> np.ndarray:
+    """Return the states, of which there is one at least; raises `BagError`."""
+    if not len(recording.states):
+        raise BagError('there are no states in it')
+    return recording.states
 
 
 def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
@@ -88,7 +97,7 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
     Where the run was free, the controller has seen the states that it answered, and maybe no
     other. Raises `ParameterError` for a wrong override, `BagError` without parameters.
     """
-    states = recording.states
+    states = states_of(recording)
     seen = np.isfinite(states['position']) & np.isfinite(states['velocity'])
     plant = recording.parameters[node_of(recording, PlantParameters)]
     if not plant['lockstep']:
@@ -107,7 +116,7 @@ def closed_loop(recording: Recording) -> Rerun:
     is not in the bag.
     """
     first = next(histories(recording, PlantParameters, {}))[2]
-    step, recorded = nanoseconds(first.time_step, 'time_step'), recording.states
+    step, recorded = nanoseconds(first.time_step, 'time_step'), states_of(recording)
     if not first.lockstep:
         raise BagError('the run was free (lockstep: false): it depended on the wall clock')
     if not recorded['marked'][0] or recorded['stamp'][0] != nanoseconds(

@@ -38,8 +38,8 @@ def entries(run, first=0, reset=True):
             layout = EVENTS[event['guard']]
             yield ns, 2, layout.encode(*at, event['position'], event['velocity'], event['area'])
         yield ns, 3, COMMAND.encode(*at, run.effort[k])
-        if varies and k % 10 == 0 and k < len(run.damping):
-            yield ns, 4, encode_float64(run.damping[k])
+        if varies and k % 10 == 0 and k:
+            yield ns, 4, encode_float64(run.damping[k - 1])
 
 
 def begun(folder, made, compression='zstd'):

@@ -9,8 +9,12 @@ from std_srvs.srv import SetBool, Trigger
 from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.columns import Column, columns
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.stop import StopRequest
+from impulse_control_ros.tools.replay import main
 from test.conftest import CONFIG
 from test.files.test_bag import QOS
+from test.tools.bags import recorded as simulated
+from test.tools.test_analyze import BAD
 
 LAST = 3_000_000_000
 
@@ -164,7 +168,7 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
             ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001 is refused'),
             ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
             ((free, '--closed-loop'), 'lockstep: false'),
-            ((tmp_path / 'bare', '--closed-loop'), 'no node of the bag'),
+            ((tmp_path / 'bare', '--closed-loop'), 'no node of it has the parameters of a plant'),
             ((tmp_path / 'nowhere', '--closed-loop'), 'nowhere'),
             ((tmp_path / 'nowhere',), 'nowhere'), ((bag, '--topics', 'elbow'), '/elbow'),
             ((bag, '--rate', '0'), 'rate = 0.0'), ((bag, '--start-offset', '9'), '[0, 0.05]')):
@@ -173,6 +177,33 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
         assert said in output
         assert len(output.splitlines()) == 1, output
     assert replay(free, '--controller')[0] == 0
+
+
+@pytest.mark.parametrize('what', BAD)
+def test_a_bad_bag_is_refused_in_one_line(tmp_path, capsys, what):
+    bag, bad = simulated(tmp_path / 'run', 'underdamped', 0.01)[0], tmp_path / 'bad'
+    BAD[what][0](bad, bag)
+    for how in ('--controller', '--closed-loop'):
+        assert main(StopRequest(), [str(bad), how]) == 2
+        said = capsys.readouterr()
+        assert said.out == ''
+        line = said.err.splitlines()[-1]
+        assert line.startswith('replay: ')
+        assert str(bad) in line
+
+
+def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path, capsys):
+    bag = simulated(tmp_path / 'run', 'time_varying', 1.0)[0]
+    data = (bag / 'run_0.mcap').read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(data[:len(data) * 2 // 3])
+    for how in ('--controller', '--closed-loop'):
+        assert main(StopRequest(), [str(cut), how]) == 0
+        said = capsys.readouterr()
+        assert f'{cut} was cut off: ' in said.err
+        count = int(said.out.split(f'{cut}: ')[1].split()[0])
+        assert 2000 < count < 10_001
+        assert f'joint_commands  {count:>9} compared, 0 differ' in said.out
 
 
 def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, record):
