@@ -35,9 +35,10 @@ UNITS = {'time': 's', 'stamp_ns': 'ns', 'position': 'm', 'velocity': 'm/s', 'eff
          'command': 'N', 'impulse_area': 'N s', 'guard': '', 'damping': 'N s/m', 'marked': ''}
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
+Bag = str | Path | Recording  # a folder or file, or what `read` has returned
 
 
-def to_numpy(bag: str | Path) -> np.ndarray:
+def to_numpy(bag: Bag) -> np.ndarray:
     """Return a structured array of shape (n,), see above; raises `BagError` for what is no bag."""
     columns = columns_of(sampled(bag))
     columns['guard'] = np.array(GUARDS)[columns['guard']]
@@ -48,7 +49,7 @@ def to_numpy(bag: str | Path) -> np.ndarray:
     return table
 
 
-def to_pandas(bag: str | Path) -> Any:
+def to_pandas(bag: Bag) -> Any:
     """Return a `pandas.DataFrame`, see above; raises `BagError` for what is no bag."""
     table = to_arrow(bag)
     frame = table.to_pandas()
@@ -56,7 +57,7 @@ def to_pandas(bag: str | Path) -> Any:
     return frame
 
 
-def to_parquet(bag: str | Path, file: str | Path) -> int:
+def to_parquet(bag: Bag, file: str | Path) -> int:
     """Write ``file`` anew; returns the rows. Raises `BagError`, and `OSError` for the file."""
     import pyarrow.parquet as pq
 
@@ -67,7 +68,7 @@ def to_parquet(bag: str | Path, file: str | Path) -> int:
     return len(table)
 
 
-def to_csv(bag: str | Path, file: str | Path) -> int:
+def to_csv(bag: Bag, file: str | Path) -> int:
     """Write ``file`` anew, numbers in the shortest form that is read back as the same bits."""
     from pyarrow.csv import write_csv, WriteOptions
 
@@ -77,7 +78,7 @@ def to_csv(bag: str | Path, file: str | Path) -> int:
     return len(table)
 
 
-def to_arrow(bag: str | Path) -> Any:
+def to_arrow(bag: Bag) -> Any:
     """Return a `pyarrow.Table`, see above; raises `BagError` for what is no bag."""
     import pyarrow as pa
 
@@ -92,11 +93,12 @@ def to_arrow(bag: str | Path) -> Any:
         metadata={KEY: about, PANDAS_KEY: about}))
 
 
-def sampled(bag: str | Path) -> Recording:
+def sampled(bag: Bag) -> Recording:
     """Return a bag that has samples."""
-    run = read(bag)
+    run = bag if isinstance(bag, Recording) else read(bag)
     if not len(run.states):
-        raise BagError(f'bag {str(bag)!r} has no samples')
+        name = 'the recording' if run is bag else f'bag {str(bag)!r}'
+        raise BagError(f'{name} has no samples')
     return run
 
 
@@ -122,4 +124,5 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
 def provenance(run: Recording) -> Mapping[str, Any]:
     """Return what a bag says about its run."""
     return {'units': UNITS, 'parameters': run.parameters,
-            'changes': [change._asdict() for change in run.changes], 'receipt': run.receipt}
+            'changes': [change._asdict() for change in run.changes], 'version': run.version,
+            'receipt': run.receipt, 'unread': run.unread}

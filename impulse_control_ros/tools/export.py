@@ -41,15 +41,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         from impulse_control_ros.files.columns import BagError
         from impulse_control_ros.files.export import to_csv, to_parquet
+        from impulse_control_ros.files.recording import read
     except ModuleNotFoundError as error:
         return leave(f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
                      'pip install pyarrow', 1)
     try:
-        rows = (to_csv if file.suffix == '.csv' else to_parquet)(bag, file)
+        run = read(bag)
+        if not len(run.states):
+            return leave(f'bag {str(bag)!r} has no samples', 2)
+        rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)
     except BagError as error:
         return leave(error, 2)
     except OSError as error:
         return leave(f'{file}: {error.strerror or error}', 1)
+    if run.unread is not None:
+        print(f'export_bag: warning: {bag} was cut off; {run.unread} bytes at its end cannot be '
+              'read', file=sys.stderr)
     print(f'export_bag: {file} has {rows} rows')
     return 0
 

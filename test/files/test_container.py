@@ -96,7 +96,8 @@ def test_a_file_starts_and_ends_as_one_of_ros_2(content, records, data):
     header, footer = records[0][1], records[-1][1]
     assert header.profile == 'ros2'
     assert header.library.startswith('impulse_control_ros ')
-    assert type(data[-1][1]) is DataEnd
+    end, last, _ = data[-1]
+    assert last == DataEnd(zlib.crc32(content[:end]))
     # the checksum covers the summary, and the footer up to the checksum
     assert footer.summary_crc == zlib.crc32(content[footer.summary_start:-len(MAGIC) - 4])
 

@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.export import to_pandas
 from test.conftest import BIN, Process
 
@@ -41,16 +42,31 @@ def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_p
     assert export(recorded / 'left' / 'left_0.mcap', tmp_path / 'run.csv').wait() == 0
 
 
+def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
+        export, recorded, tmp_path):
+    whole = (recorded / 'left' / 'left_0.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(whole[:len(whole) // 2])
+    process = export(tmp_path / 'cut.mcap', tmp_path / 'run.parquet')
+    assert process.wait() == 0
+    assert 'cut.mcap was cut off; ' in process.output
+    frame = pd.read_parquet(tmp_path / 'run.parquet')
+    assert 5_000 < len(frame) < 20_000
+    assert frame.attrs['unread'] > 0
+    assert to_pandas(recorded / 'left').head(len(frame) - 1).equals(frame.head(len(frame) - 1))
+
+
 @pytest.mark.parametrize(('bag', 'file', 'said'), [
     ('left', 'run.xlsx', 'run.xlsx is refused: allowed are the endings .parquet and .csv'),
     ('left', 'none/run.csv', 'none/run.csv is refused: allowed is a file in a folder that exists'),
-    ('nothing', 'run.csv', "nothing' has 0 .mcap files; 1 is expected"),
+    ('nothing', 'run.csv', "nothing' does not exist"),
     ('broken.mcap', 'run.csv', 'broken.mcap: '),
+    ('empty', 'run.csv', "empty' has no samples"),
 ])
 def test_bad_input_is_one_line_that_names_it_and_leaves_no_file(
         export, recorded, tmp_path, bag, file, said):
-    bags = {'broken.mcap': tmp_path / 'broken.mcap'}
-    (tmp_path / 'broken.mcap').write_bytes(b'no bag at all')
+    bags = {name: tmp_path / name for name in ('broken.mcap', 'empty')}
+    bags['broken.mcap'].write_bytes(b'no bag at all')
+    BagWriter(bags['empty']).close()
     process = export(bags.get(bag, recorded / bag), tmp_path / file)
     assert process.wait() == 2
     assert said in process.output
