@@ -130,7 +130,7 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     pending = before.pending + area if law.impulses != 0.0 else 0.0
     effort, waits = sent(law, error, velocity, pending)
 
-    told.effort, told.area, told.guard = effort, area, guard
+    told.effort, told.area, told.guard, told.velocity = effort, area, guard, velocity
     old.started, old.position, old.side = 1.0, ahead, sign(ahead - law.x_r)
     old.direction, old.x_r, old.pending, old.pulsed = direction, law.x_r, waits, pending
     old.hold = law.hold_off if guard == POSITION_ZERO else max(before.hold - 1.0, 0.0)

@@ -200,6 +200,9 @@ def actuate(hardware, hidden, tick, command):
     hidden.queue[tick % (MOST_DELAY + 1)] = command
     arrived = hidden.queue[(tick - hardware.delay) % (MOST_DELAY + 1)]
     target = min(max(arrived, -hardware.limit), hardware.limit)
+    if hardware.pole == 0.0:
+        hidden.actuator = target
+        return target
     away = hidden.actuator - target
     hidden.actuator = target + away * hardware.pole
     return target + away * hardware.share

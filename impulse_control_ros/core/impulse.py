@@ -79,7 +79,8 @@ class Memory(NamedTuple):
 
 GAINS = np.dtype([(name, 'f8') for name in Gains._fields])
 MEMORY = np.dtype([(name, 'f8') for name in Memory._fields])
-ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8')])
+# the velocity is the one that the law took
+ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity', 'f8')])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,20 +232,3 @@ def unpacked(gains):
 def fresh():
     """Return the memory before the first sample."""
     return Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@compiled
-def control(memory, gains, position, velocity, answer):
-    """
-    Do `answered` in place: update ``memory``, fill ``answer``.
-
-    Those and ``gains`` are arrays of shape (1,), the form that the controller node has.
-    """
-    old, sent = memory[0], answer[0]
-    before = Memory(old.started, old.position, old.side, old.direction, old.x_r, old.pending,
-                    old.pulsed, old.hold)
-    sent.effort, sent.area, sent.guard, after = answered(
-        before, unpacked(gains[0]), position, velocity)
-    old.started, old.position, old.side = after.started, after.position, after.side
-    old.direction, old.x_r, old.pending = after.direction, after.x_r, after.pending
-    old.pulsed, old.hold = after.pulsed, after.hold

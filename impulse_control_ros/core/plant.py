@@ -29,7 +29,7 @@ def real_step(axis, profile, hardware, state, hidden, command):
     now, axle, real, inner = state[0], axis[0], hardware[0], hidden[0]
     now.damping, now.noise = damping_at(profile[0], now.noise, now.tick)
     now.effort = actuate(real, inner, now.tick, command)
-    force = now.effort + disturb(real, inner, now.tick)
+    force = now.effort + disturb(real, inner, now.tick) if real.force != 0.0 else now.effort
     m = axle.m + real.mass if now.tick >= real.mass_time else axle.m
     if real.F_s > axle.F_c:
         now.position, now.velocity = stribeck_step(

@@ -89,7 +89,7 @@ def real_loop(axis, profile, hardware, state, hidden, gains, care, memory, watch
         measured[k, 0], measured[k, 1] = seen.position, seen.velocity
         control_carefully(memory, watch, gains, care, seen.position, seen.velocity, answer)
         commands[k, 0], commands[k, 1], commands[k, 2] = told.effort, told.area, told.guard
-        commands[k, 3] = watch[0].velocity
+        commands[k, 3] = told.velocity
         if k < len(felt):
             real_step(axis, profile, hardware, state, hidden, told.effort)
             felt[k, 0], felt[k, 1] = now.damping, now.effort

@@ -20,14 +20,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.careful import (
-    control_carefully,
-    fresh_watch,
-    is_plain,
-    packed_care,
-)
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.design import Finding, findings, Level
-from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
+from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
@@ -67,11 +62,9 @@ class Controller(ParameterNode):
         self._event_layouts = {number: event_layout(joint, logger, guard)
                                for number, guard in enumerate(GUARDS) if guard}
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
-        self._watch, self._estimates = fresh_watch(), False
+        self._watch = fresh_watch()
         self._pack()
         self._control = machine_code(
-            control, fresh_memory(), self._packed, 0.0, 0.0, np.zeros(1, ANSWER))
-        self._careful = machine_code(
             control_carefully, fresh_memory(), fresh_watch(), self._packed, self._care, 0.0, 0.0,
             np.zeros(1, ANSWER))
         self._seen = b''
@@ -175,7 +168,7 @@ class Controller(ParameterNode):
         self._warn()
 
     def _pack(self) -> None:
-        self._packed, self._is_plain = self.parameters.packed(), is_plain(self.parameters)
+        self._packed = self.parameters.packed()
         self._care = packed_care(self.parameters.flat(), 1)
 
     def _on_setpoint(self, message: Float64) -> None:
@@ -206,11 +199,9 @@ class Controller(ParameterNode):
             self._held = b'' if self._plant_known else raw
             return
         self._stamp, self._seen = (sec, nanosec), raw
-        if self._is_plain and velocity == velocity:
-            self._control(self._memory, self._packed, position, velocity, self._answer)
-        else:
-            velocity = self._control_carefully(position, velocity)
-        effort, area, guard = self._answer.item()
+        self._control(self._memory, self._watch, self._packed, self._care, position, velocity,
+                      self._answer)
+        effort, area, guard, velocity = self._answer.item()
         if not math.isfinite(effort):
             self.fail(ArithmeticError(f'the effort for position {position:g} m, velocity '
                                       f'{velocity:g} m/s is {effort}; allowed is finite [N]'))
@@ -238,15 +229,6 @@ class Controller(ParameterNode):
             raise UnreadableError(f'with position {position}, velocity {velocity}')
         return (sec, nanosec, frame_id == RESET_MARK, position,
                 math.nan if velocity is None else velocity)
-
-    def _control_carefully(self, position: float, velocity: float) -> float:
-        """Do the law with all its options; returns the velocity [m/s] that it took."""
-        if math.isnan(velocity) and not self._estimates:
-            self._estimates = True
-            self.get_logger().info('joint_states have no velocity: it is estimated')
-        self._careful(self._memory, self._watch, self._packed, self._care, position, velocity,
-                      self._answer)
-        return float(self._watch['velocity'][0])
 
     def _repeat(self) -> None:
         event, command = self._sent

@@ -89,7 +89,9 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
     other. Raises `ParameterError` for a wrong override, `BagError` without parameters.
     """
     states = recording.states
-    seen = np.isfinite(states['position']) & np.isfinite(states['velocity'])
+    # an answered state has a velocity, or an empty field that reads as nan
+    seen = np.isfinite(states['position']) & (np.isfinite(states['velocity']) | (
+        np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp'])))
     plant = recording.parameters[node_of(recording, PlantParameters)]
     if not plant['lockstep']:
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
@@ -136,9 +138,9 @@ def answers_beside(recording: Recording, states: np.ndarray, answers: np.ndarray
     commands, fired = np.zeros(len(answers), COMMAND), answers['guard'] > 0
     commands['stamp'], commands['effort'] = states['stamp'], answers['effort']
     impulses = np.zeros(np.count_nonzero(fired), IMPULSE)
-    for name in ('stamp', 'position', 'velocity'):
+    for name in ('stamp', 'position'):
         impulses[name] = states[name][fired]
-    for name in ('guard', 'area'):
+    for name in ('guard', 'area', 'velocity'):
         impulses[name] = answers[name][fired]
     return {topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
             for topic, rows, replayed in (('joint_commands', recording.commands, commands),
