@@ -14,20 +14,23 @@ With all options off this is `answered`, to the same bits. What they change, gua
 
 * position zero: looks ``lead`` samples ahead, e + lead dt v in place of e. With lead = 0.5 the
   impulse starts at the sample next to the crossing, 0.25 samples off in the mean, in place of
-  the one after it, 0.5 off; more lead makes up for a delay of the actuator. A crossing counts
-  once, until abs(e) has exceeded position_hysteresis: an encoder that flickers is no crossing.
+  the one after it, 0.5 off. A crossing counts once, until abs(e) has exceeded
+  position_hysteresis: an encoder that flickers is no crossing.
 * velocity zero: a velocity that was zero is one again only beyond velocity_deadband +
   velocity_hysteresis: noise at the edge of the dead band is no arrival at zero.
 * sticking: the axis has stood for stick_samples since the last impulse, so that what that one
-  did is seen before the next. A set-point that changes at rest waits for this too, or a ramp
-  would give an impulse at each sample.
+  did is seen before the next; behind a delay of n samples there would be n impulses for one. A
+  set-point that changes at rest waits for this too, or a ramp would give an impulse at each
+  sample.
 
 Without a measured velocity (nan) it is the filtered difference of the positions,
 
     v_hat = p (v_hat + J / m) + (1 - p) (x - x_before) / dt,
 
 where J is the area that left with the last sample: the filter would see that jump 1 / (2 pi
-velocity_bandwidth) late, and the guards would act on a velocity that is no more.
+velocity_bandwidth) late, and the guards would act on a velocity that is no more. One step q of
+the encoder makes it jump by (1 - p) q / dt, some 2 pi velocity_bandwidth q: velocity_deadband is
+to be twice that, or the estimate of an axis at rest is taken for motion.
 """
 
 from collections.abc import Mapping

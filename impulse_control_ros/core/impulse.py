@@ -109,17 +109,19 @@ class Controller(Parameters):
     hold_off: int = parameter(
         0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0)
     lead: float = parameter(
-        0.0, 'samples', 'how far ahead the guards look: 0.5 halves the delay of a position zero, '
-        'and a delayed actuator needs its delay more', lower=0.0, upper=1000.0)
+        0.0, 'samples', 'how far ahead the guards look; 0.5 halves the delay of a position zero',
+        lower=0.0, upper=1.0)
     position_hysteresis: float = parameter(
         0.0, 'm', 'a position zero counts once until the error has been larger', lower=0.0)
     velocity_hysteresis: float = parameter(
         0.0, 'm/s', 'beyond the dead band, before the axis counts as moving again', lower=0.0)
     stick_samples: int = parameter(
-        1, 'samples', 'standing since the last impulse, before one that releases', lower=1)
+        1, 'samples', 'standing since the last impulse, before one that releases; longer than '
+        'the actuator needs to act', lower=1)
     velocity_bandwidth: float = parameter(
-        50.0, 'Hz', 'corner of the filter that estimates a velocity that is not measured',
-        lower=0.0, open_lower=True)
+        50.0, 'Hz', 'corner of the filter that estimates a velocity that is not measured; '
+        'velocity_deadband above 4 pi times it times the step of the encoder', lower=0.0,
+        open_lower=True)
     time_step: float = parameter(
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
         read_only=True)
