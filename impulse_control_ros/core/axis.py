@@ -29,6 +29,7 @@ the last bits, faster, and of one form for every run, so that a batch steps many
 
 from dataclasses import dataclass
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -51,6 +52,7 @@ AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
 STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
                   ('damping', 'f8'), ('noise', 'f8')])
+REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
 
@@ -93,8 +95,7 @@ class Axis(Parameters):
     @property
     def is_ideal(self) -> bool:
         """Tell whether state and effort are those of the model, see core/hardware.py."""
-        values = self.flat()
-        return all(values[name] == off for name, off in OFF.items())
+        return bool(REAL_PARTS(self) == ALL_OFF)
 
     def packed(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""

@@ -35,6 +35,7 @@ to be twice that, or the estimate of an axis at rest is taken for motion.
 
 from collections.abc import Mapping
 import math
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,7 @@ CARE = np.dtype([(name, 'f8') for name in (
 WATCH = np.dtype([(name, 'f8') for name in (
     'seen', 'position', 'velocity', 'kick', 'unarmed', 'stood')])
 OFF = {'lead': 0.0, 'position_hysteresis': 0.0, 'velocity_hysteresis': 0.0, 'stick_samples': 1}
+OPTIONS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become denormal
 
 
@@ -75,7 +77,7 @@ def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
 
 def is_plain(controller: Controller) -> bool:
     """Tell whether `answered` is all that the controller needs; else it is this file's law."""
-    return all(getattr(controller, name) == off for name, off in OFF.items())
+    return bool(OPTIONS(controller) == ALL_OFF)
 
 
 def fresh_watch() -> np.ndarray:

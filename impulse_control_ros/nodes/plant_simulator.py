@@ -133,7 +133,7 @@ class PlantSimulator(ParameterNode):
         self._publish_sample(RESET_MARK)
 
     def _publish_sample(self, mark: str = '') -> None:
-        tick, position, velocity, effort, damping = self._axis.state()
+        tick, position, velocity, effort, damping, _ = self._axis.state()
         if not abs(position) < DIVERGED > abs(velocity):
             self.fail(DivergedError(position, velocity, self.seconds(1)))
             return
