@@ -5,8 +5,10 @@ import pytest
 from sensor_msgs.msg import JointState
 import yaml
 
+from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.tools.rerun import with_velocities
 from test.conftest import CONFIG
 from test.nodes.test_run import assert_recording_is_the_simulation, NODES, run_three_processes
 
@@ -48,6 +50,11 @@ def test_with_all_hardware_the_composed_process_is_the_simulation_to_the_last_bi
         replayed = graph.start('replay', bag, how)
         assert replayed.wait() == 0, replayed.output
         assert 'every message is the same, to the bit' in replayed.output
+    made = read_experiment(config)
+    run = simulate(made.plant_simulator, made.controller, 0.5)
+    velocity = with_velocities(read(bag))['velocity']
+    assert np.array_equal(velocity[run.events['tick']], run.events['velocity'])
+    assert np.isfinite(velocity).all()
 
 
 def test_three_processes_settle_on_an_encoder_and_give_no_impulse_at_rest(graph):
