@@ -29,12 +29,22 @@ the last bits, faster, and of one form for every run, so that a batch steps many
 
 from dataclasses import dataclass
 import math
+from operator import attrgetter
 
 import numpy as np
 
 from impulse_control_ros.core.damping import Damping, damping_at
+from impulse_control_ros.core.hardware import (
+    Actuator,
+    Disturbance,
+    OFF,
+    packed_hardware,
+    Payload,
+    Sensor,
+)
 from impulse_control_ros.core.kernel import compiled, sign
-from impulse_control_ros.core.parameter import FAR, parameter, Parameters
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
+from impulse_control_ros.core.stribeck import Stribeck
 from impulse_control_ros.core.tick import nanoseconds
 
 DIVERGED = 1e100
@@ -42,6 +52,7 @@ AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
 STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
                   ('damping', 'f8'), ('noise', 'f8')])
+REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
 
@@ -67,10 +78,24 @@ class Axis(Parameters):
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
         read_only=True)
     damping: Damping = parameter(Damping(), '', 'damping profile d(t) (1)')
+    stribeck: Stribeck = parameter(Stribeck(), '', 'friction at rest')
+    sensor: Sensor = parameter(Sensor(), '', 'what is measured')
+    actuator: Actuator = parameter(Actuator(), '', 'what becomes of a command')
+    payload: Payload = parameter(Payload(), '', 'step of the mass')
+    disturbance: Disturbance = parameter(Disturbance(), '', 'force beside the effort')
 
     def check(self) -> None:
-        """Stamps are integers: the sampling period is a whole number of nanoseconds."""
+        """Refuse stamps of no whole nanoseconds, no mass, and less friction at rest."""
         nanoseconds(self.time_step, 'time_step')
+        if not self.m + self.payload.mass > 0.0:
+            raise refusal('payload.mass', self.payload.mass, f'> -m = {-self.m:g} [kg]')
+        if 0.0 < self.stribeck.F_s < self.F_c:
+            raise refusal('stribeck.F_s', self.stribeck.F_s, f'0 or >= F_c = {self.F_c:g} [N]')
+
+    @property
+    def is_ideal(self) -> bool:
+        """Tell whether state and effort are those of the model, see core/hardware.py."""
+        return bool(REAL_PARTS(self) == ALL_OFF)
 
     def packed(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""
@@ -79,6 +104,10 @@ class Axis(Parameters):
     def packed_axis(self) -> np.ndarray:
         """Return the kernels' view without the damping: shape (1,), dtype AXIS."""
         return np.array([(self.m, self.F_c, self.time_step)], AXIS)
+
+    def packed_hardware(self) -> np.ndarray:
+        """Return the kernels' view of what is not ideal: shape (1,), dtype HARDWARE."""
+        return packed_hardware(self.flat(), self.time_step, 1)
 
     def start(self) -> np.ndarray:
         """Return the state at tick 0, shape (1,), dtype STATE; nothing has acted on it yet."""

@@ -26,12 +26,22 @@ from typing import Any
 import numba
 import numpy as np
 
-from impulse_control_ros.core.axis import AXIS, Axis
+from impulse_control_ros.core.axis import AXIS, Axis, STATE
+from impulse_control_ros.core.careful import fresh_watch, OFF as PLAIN_LAW, packed_care
 from impulse_control_ros.core.damping import packed_damping
-from impulse_control_ros.core.impulse import Controller, packed_gains
+from impulse_control_ros.core.hardware import at_rest, OFF as IDEAL_AXIS, packed_hardware
+from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory, packed_gains
 from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
 from impulse_control_ros.core.metrics import conclude, COUNTS, figures_dtype, Sums
-from impulse_control_ros.core.parameter import converted, declared, ParameterError, refusal, Spec
+from impulse_control_ros.core.parameter import (
+    build,
+    converted,
+    declared,
+    ParameterError,
+    refusal,
+    Spec,
+)
+from impulse_control_ros.core.rows import LEFT, run_rows
 from impulse_control_ros.core.simulate import steps_of
 
 SIDES: dict[str, type[Axis] | type[Controller]] = {
@@ -80,22 +90,44 @@ def simulate_batch(axis: Axis, controller: Controller, duration: float,
 
 def figures_of(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray) -> np.ndarray:
     """Run the packed rows, see `packed_rows`, and return their figures of merit."""
-    axis, start, profile, gains = rows
-    runs = len(axis)
-    blocks = loaded(axis, start, profile, gains)
-    outside = np.full((len(blocks), len(tolerances), LANES), -1.0)
-    run_blocks(blocks, steps, tolerances, outside)
-    sums = {name: blocks['sums'][name].ravel()[:runs] for name in Sums._fields}
-    now = {name: blocks['now'][name].ravel()[:runs] for name in (
-        'position', 'first_error', 'bounded')}
+    axis, _, _, gains, *real = rows
+    now, outside = (ran_really if real else ran_ideally)(rows, steps, tolerances)
+    sums = now['sums']
     diverged = now['bounded'] == 0.0
     last = np.where(diverged, np.nan, now['position'] - gains['x_r'])
-    figures = conclude(sums, outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs],
-                       now['first_error'], last, steps, axis[0]['time_step'])
+    figures = conclude({name: sums[name] for name in Sums._fields}, outside, now['first_error'],
+                       last, steps, axis[0]['time_step'])
     figures['diverged'] = diverged
     for name in MEASURES:
         figures[name][diverged] = np.nan
     return figures
+
+
+def ran_ideally(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray,
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Return what n runs leave, dtype LEFT, and the last ticks outside, (n, tolerances)."""
+    runs = len(rows[0])
+    blocks = loaded(*rows)
+    outside = np.full((len(blocks), len(tolerances), LANES), -1.0)
+    run_blocks(blocks, steps, tolerances, outside)
+    left = np.zeros(runs, LEFT)
+    for name in ('position', 'first_error', 'bounded'):
+        left[name] = blocks['now'][name].ravel()[:runs]
+    for name in Sums._fields:
+        left['sums'][name] = blocks['sums'][name].ravel()[:runs]
+    return left, outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs]
+
+
+def ran_really(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray,
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """Do `ran_ideally` with the hardware and the care of each row."""
+    axis, start, profile, gains, hardware, care = rows
+    left, states = np.zeros(len(axis), LEFT), np.zeros(len(axis), STATE)
+    states['position'], states['velocity'] = start.T
+    outside = np.full((len(axis), len(tolerances)), -1.0)
+    run_rows(axis, profile, hardware, states, gains, care, at_rest(), fresh_memory(),
+             fresh_watch(), np.zeros(1, ANSWER), steps, tolerances, outside, left)
+    return left, outside
 
 
 def row(axis: Axis, controller: Controller, varied: Mapping[str, Any], i: int,
@@ -103,15 +135,16 @@ def row(axis: Axis, controller: Controller, varied: Mapping[str, Any], i: int,
     """Return the parameters of run ``i`` of a batch, as `simulate` takes them."""
     plant, law = ({name: value.item() for name, value in side.items()} for side in columns(
         {name: np.asarray(values)[[i]] for name, values in varied.items()}))
-    inner = {name.removeprefix('damping.'): plant.pop(name)
-             for name in list(plant) if name.startswith('damping.')}
-    return (replace(axis, **plant, damping=replace(axis.damping, **inner)),
-            replace(controller, **law))
+    return build(type(axis), axis.flat() | plant), replace(controller, **law)
 
 
 def packed_rows(axis: Axis, controller: Controller, plant: dict[str, np.ndarray],
                 law: dict[str, np.ndarray], runs: int) -> tuple[np.ndarray, ...]:
-    """Return the kernels' view of ``runs`` rows: AXIS, start (runs, 2), DAMPING, GAINS."""
+    """
+    Return the kernels' view of ``runs`` rows: AXIS, start (runs, 2), DAMPING, GAINS.
+
+    Where one is not ideal, HARDWARE and CARE come besides.
+    """
     values = axis.flat() | plant
     if np.any(np.asarray(values['damping.lower']) > values['damping.upper']):
         bounds = np.broadcast_arrays(values['damping.lower'], values['damping.upper'])
@@ -124,7 +157,30 @@ def packed_rows(axis: Axis, controller: Controller, plant: dict[str, np.ndarray]
     start[:, 0], start[:, 1] = values['x_0'], values['v_0']
     profile = {name.removeprefix('damping.'): value for name, value in values.items()}
     return (axes, start, packed_damping(profile, axis.time_step, runs),
-            packed_gains(controller.flat() | law, runs))
+            packed_gains(controller.flat() | law, runs),
+            *real_rows(axis, controller.flat() | law, values, runs))
+
+
+def real_rows(axis: Axis, gains: Mapping[str, Any], values: Mapping[str, Any], runs: int,
+              ) -> tuple[np.ndarray, ...]:
+    """Return the kernels' view of what is not ideal: HARDWARE, CARE; () where all rows are."""
+    refuse_misfits(axis, values, runs)
+    if all(np.all(np.asarray(given[name]) == off) for given, nothing in (
+            (values, IDEAL_AXIS), (gains, PLAIN_LAW)) for name, off in nothing.items()):
+        return ()
+    return packed_hardware(values, axis.time_step, runs), packed_care(gains, runs)
+
+
+def refuse_misfits(axis: Axis, values: Mapping[str, Any], runs: int) -> None:
+    """Refuse the first row whose values do not fit together, as `Axis` does."""
+    m, F_c, F_s, start, end = (np.asarray(values[name]) for name in (
+        'm', 'F_c', 'stribeck.F_s', 'disturbance.start', 'disturbance.end'))
+    wrong = (m + values['payload.mass'] <= 0.0) | ((F_s > 0.0) & (F_s < F_c)) | (
+        (end > 0.0) & (end <= start))
+    if wrong.any():
+        i = int(np.argmax(np.broadcast_to(wrong, runs)))
+        build(type(axis), {name: np.broadcast_to(value, runs)[i].item()
+                           for name, value in values.items()})  # raises
 
 
 def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -77,15 +77,21 @@ def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np
 
 
 @compiled
-def white(seed, tick):
-    """Return white noise of unit variance: uniform, from the splitmix64 hash of both."""
+def word(seed, tick):
+    """Return 64 random bits: the splitmix64 hash of both."""
     z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(tick)
     for _ in range(2):
         z += np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
         z = z ^ (z >> np.uint64(31))
-    return (np.float64(z >> np.uint64(11)) * 2.0**-53 - 0.5) * math.sqrt(12.0)
+    return z
+
+
+@compiled
+def white(seed, tick):
+    """Return white noise of unit variance: uniform."""
+    return (np.float64(word(seed, tick) >> np.uint64(11)) * 2.0**-53 - 0.5) * math.sqrt(12.0)
 
 
 @compiled

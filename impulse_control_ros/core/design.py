@@ -115,7 +115,8 @@ def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
     """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
     found = [*_on_damping(gains), *_on_guards(gains)]
     if axis is not None:
-        found += [*_on_mass(gains, axis), *_on_bound(gains, axis), *_on_friction(gains, axis)]
+        found += [*_on_mass(gains, axis), *_on_bound(gains, axis), *_on_friction(gains, axis),
+                  *_on_signals(gains, axis)]
         if gains.time_step != axis.time_step:
             found.append(Finding(level=Level.ERROR, text=(
                 f'time_step = {gains.time_step:g} s of the controller is not that of the axis, '
@@ -193,3 +194,26 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
             f'position_deadband = {gains.position_deadband:g} m is below the sampled floor '
             f'2 F_c dt / (kappa d_bar) = {floor:g} m: there the axis stays, with impulses on and '
             f'on; a position_deadband above {floor:g} m ends them'))
+
+
+def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
+    """Judge the dead bands by what the sensor measures of an axis at rest."""
+    if not gains.impulses:
+        return
+    sensor, delay = axis.sensor, axis.actuator.delay
+    jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
+    for name, least, unit, why in (
+            ('position_deadband', 1.5 * sensor.resolution, 'm',
+             f'1.5 steps of the encoder of {sensor.resolution:g} m'),
+            ('velocity_deadband', 4.0 * sensor.velocity_noise, 'm/s',
+             f'four times the velocity_noise of {sensor.velocity_noise:g} m/s'),
+            ('velocity_deadband', jump if sensor.velocity == 'none' else 0.0, 'm/s',
+             f'twice what one step of the encoder makes of a velocity that is estimated with '
+             f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz'),
+            ('stick_samples', delay + 1 if delay else 0, 'samples',
+             f'more than the delay of the actuator, {delay} samples')):
+        value = getattr(gains, name)
+        if value < least * (1.0 - 1e-9):
+            yield Finding(level=Level.WARNING, text=(
+                f'{name} = {value:g} {unit} lets an axis at rest have impulse after impulse: '
+                f'{least:g} {unit}, {why}, ends them'))

@@ -39,7 +39,7 @@ from impulse_control_ros.core.impulse import (
     VELOCITY_ZERO,
 )
 from impulse_control_ros.core.kernel import sign
-from impulse_control_ros.core.parameter import refusal
+from impulse_control_ros.core.parameter import ParameterError, refusal
 from impulse_control_ros.core.sampling import evaluate, sample
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
@@ -249,6 +249,9 @@ def solve(
     """
     if not 0.0 < duration < math.inf:
         raise refusal('duration', duration, '> 0 and finite [s]')
+    if not axis.is_ideal:
+        raise ParameterError('this axis is refused: allowed is an ideal one, without sensor, '
+                             'actuator, payload, disturbance and F_s')
     if event_limit < 0:
         raise refusal('event_limit', event_limit, '>= 0 [events]')
     if dampings is None and axis.damping.kind != 'constant':

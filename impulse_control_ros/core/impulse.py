@@ -79,7 +79,8 @@ class Memory(NamedTuple):
 
 GAINS = np.dtype([(name, 'f8') for name in Gains._fields])
 MEMORY = np.dtype([(name, 'f8') for name in Memory._fields])
-ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8')])
+# the velocity is the one that the law took
+ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity', 'f8')])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +108,20 @@ class Controller(Parameters):
         1e-6, 'm/s', 'counts as standing; position-zero impulses need more', lower=0.0)
     hold_off: int = parameter(
         0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0)
+    lead: float = parameter(
+        0.0, 'samples', 'how far ahead the guards look; 0.5 halves the delay of a position zero',
+        lower=0.0, upper=1.0)
+    position_hysteresis: float = parameter(
+        0.0, 'm', 'a position zero counts once until the error has been larger', lower=0.0)
+    velocity_hysteresis: float = parameter(
+        0.0, 'm/s', 'beyond the dead band, before the axis counts as moving again', lower=0.0)
+    stick_samples: int = parameter(
+        1, 'samples', 'standing since the last impulse, before one that releases; longer than '
+        'the actuator needs to act', lower=1)
+    velocity_bandwidth: float = parameter(
+        50.0, 'Hz', 'corner of the filter that estimates a velocity that is not measured; '
+        'velocity_deadband above 4 pi times it times the step of the encoder', lower=0.0,
+        open_lower=True)
     time_step: float = parameter(
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
         read_only=True)
@@ -176,6 +191,18 @@ def within(limit, effort):
 
 
 @compiled
+def sent(gains, error, velocity, pending):
+    """Return the effort [N], PD (4) and what fits of the ``pending`` area [N s], and the rest."""
+    feedback = within(gains.effort_limit, -gains.K * error - gains.D * velocity)
+    effort, waits = feedback, 0.0
+    if pending != 0.0:
+        wanted = feedback + pending * gains.sample_rate
+        effort = within(gains.effort_limit, wanted)
+        waits = 0.0 if effort == wanted else pending - (effort - feedback) * gains.time_step
+    return effort, waits
+
+
+@compiled
 def answered(memory, gains, position, velocity):
     """
     Do the law of one sample; return (effort [N], area [N s], guard, memory).
@@ -189,12 +216,7 @@ def answered(memory, gains, position, velocity):
     area = impulse_area(guard, gains, error, velocity)
     pending = memory.pending + area if gains.impulses != 0.0 else 0.0
 
-    feedback = within(gains.effort_limit, -gains.K * error - gains.D * velocity)
-    effort, waits = feedback, 0.0
-    if pending != 0.0:
-        wanted = feedback + pending * gains.sample_rate
-        effort = within(gains.effort_limit, wanted)
-        waits = 0.0 if effort == wanted else pending - (effort - feedback) * gains.time_step
+    effort, waits = sent(gains, error, velocity, pending)
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)
     return effort, area, guard, Memory(
         1.0, position, sign(error), direction, gains.x_r, waits, pending, hold)
@@ -212,20 +234,3 @@ def unpacked(gains):
 def fresh():
     """Return the memory before the first sample."""
     return Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@compiled
-def control(memory, gains, position, velocity, answer):
-    """
-    Do `answered` in place: update ``memory``, fill ``answer``.
-
-    Those and ``gains`` are arrays of shape (1,), the form that the controller node has.
-    """
-    old, sent = memory[0], answer[0]
-    before = Memory(old.started, old.position, old.side, old.direction, old.x_r, old.pending,
-                    old.pulsed, old.hold)
-    sent.effort, sent.area, sent.guard, after = answered(
-        before, unpacked(gains[0]), position, velocity)
-    old.started, old.position, old.side = after.started, after.position, after.side
-    old.direction, old.x_r, old.pending = after.direction, after.x_r, after.pending
-    old.pulsed, old.hold = after.pulsed, after.hold

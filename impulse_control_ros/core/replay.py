@@ -10,9 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, plant_step, STATE
-from impulse_control_ros.core.impulse import ANSWER, control, Controller, fresh_memory
+from impulse_control_ros.core.axis import Axis, STATE
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
+from impulse_control_ros.core.hardware import at_rest
+from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
 from impulse_control_ros.core.kernel import compiled
+from impulse_control_ros.core.plant import real_step, sense
 
 
 class Piece(NamedTuple):
@@ -32,20 +35,29 @@ class Piece(NamedTuple):
 
 
 @compiled
-def answer_each(memory, gains, position, velocity, answers):
-    """Answer n samples: all but ``memory`` and ``gains`` have shape (n,)."""
+def answer_each(memory, watch, gains, care, position, velocity, answers):
+    """Answer n samples: ``position``, ``velocity`` and ``answers`` have shape (n,)."""
     for k in range(len(answers)):
-        control(memory, gains, position[k], velocity[k], answers[k:k + 1])
+        control_carefully(memory, watch, gains, care, position[k], velocity[k], answers[k:k + 1])
 
 
 @compiled
-def close_loop(axis, profile, state, memory, gains, states, answers):
+def close_loop(axis, profile, hardware, state, hidden, memory, watch, gains, care, states,
+               answers):
     """Make n samples, and answer them, from ``state`` on: the last two have shape (n,)."""
     for k in range(len(answers)):
         if k:
-            plant_step(axis, profile, state, answers[k - 1].effort)
+            real_step(axis, profile, hardware, state, hidden, answers[k - 1].effort)
+        seen = hidden[0]
         states[k] = state[0]
-        control(memory, gains, state[0].position, state[0].velocity, answers[k:k + 1])
+        states[k].position, states[k].velocity = seen.position, seen.velocity
+        control_carefully(memory, watch, gains, care, seen.position, seen.velocity,
+                          answers[k:k + 1])
+
+
+def packed_law(controller: Controller) -> tuple[np.ndarray, np.ndarray]:
+    """Return the kernels' view of a controller: gains and care."""
+    return controller.packed(), packed_care(controller.flat(), 1)
 
 
 def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
@@ -58,36 +70,41 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
     """
     Return the law's answers to n samples [m, m/s] of shape (n,): dtype ANSWER.
 
-    The first piece starts at sample 0.
+    A velocity that was not measured is nan. The first piece starts at sample 0.
     """
-    answers, memory = np.zeros(len(position), ANSWER), fresh_memory()
+    answers, memory, watch = np.zeros(len(position), ANSWER), fresh_memory(), fresh_watch()
     for piece, span in spans(pieces, len(position)):
         if piece.afresh:
-            memory = fresh_memory()
-        answer_each(memory, piece.controller.packed(), position[span], velocity[span],
+            memory, watch = fresh_memory(), fresh_watch()
+        answer_each(memory, watch, *packed_law(piece.controller), position[span], velocity[span],
                     answers[span])
     return answers
 
 
 def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return ``count`` states and the answers to them: shape (count,), dtype STATE and ANSWER.
+    Return ``count`` states, as measured, and the answers: shape (count,), dtype STATE and ANSWER.
 
     The first piece starts at sample 0, with a start.
     """
     states, answers = np.zeros(count, STATE), np.zeros(count, ANSWER)
-    state, memory = np.zeros(1, STATE), fresh_memory()
+    state, hidden = np.zeros(1, STATE), at_rest()
+    memory, watch = fresh_memory(), fresh_watch()
     axis: Any = None
     for piece, span in spans(pieces, count):
         if span.start and not piece.start:
-            plant_step(*axis, state, answers[span.start - 1]['effort'])
+            real_step(*axis, state, hidden, answers[span.start - 1]['effort'])
         elif span.start:
             state['tick'] += 1
+        axis = (*piece.axis.packed(), piece.axis.packed_hardware())
         if piece.start:
             state['position'], state['velocity'] = piece.start.x_0, piece.start.v_0
             state['effort'] = 0.0
+            hidden = at_rest()
+            start = piece.start
+            sense(start.packed_axis(), start.packed_hardware(), state, hidden)
         if piece.afresh:
-            memory = fresh_memory()
-        axis = piece.axis.packed()
-        close_loop(*axis, state, memory, piece.controller.packed(), states[span], answers[span])
+            memory, watch = fresh_memory(), fresh_watch()
+        close_loop(*axis, state, hidden, memory, watch, *packed_law(piece.controller),
+                   states[span], answers[span])
     return states, answers

@@ -1,7 +1,8 @@
 """
 Close plant and controller offline: the same kernels, and so the same bits, as the nodes.
 
-At sample k the controller answers state k with effort k, which acts over [t_k, t_k+1).
+At sample k the controller answers state k with effort k, which acts over [t_k, t_k+1). An axis
+that is not ideal, or a law with options, takes a loop of its own.
 """
 
 from dataclasses import dataclass
@@ -9,10 +10,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from impulse_control_ros.core.axis import Axis, axis_step, DIVERGED, DivergedError
+from impulse_control_ros.core.careful import (
+    control_carefully,
+    fresh_watch,
+    is_plain,
+    packed_care,
+)
 from impulse_control_ros.core.damping import damping_at
-from impulse_control_ros.core.impulse import answered, Controller, fresh, unpacked
+from impulse_control_ros.core.hardware import at_rest
+from impulse_control_ros.core.impulse import (
+    ANSWER,
+    answered,
+    Controller,
+    fresh,
+    fresh_memory,
+    unpacked,
+)
 from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import refusal
+from impulse_control_ros.core.plant import real_step, sense
 from impulse_control_ros.core.tick import ticks
 
 EVENT = np.dtype([('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
@@ -25,8 +41,11 @@ class Run:
     A run of n steps.
 
     ``time`` [s], ``position`` [m], ``velocity`` [m/s] and ``effort`` [N], the command that
-    answers each state, have shape (n + 1,); ``damping`` [N s/m], which acts over the sample
-    that starts at each state, has shape (n,); ``events`` has dtype EVENT, one row an impulse.
+    answers each state, have shape (n + 1,); ``damping`` [N s/m] and ``applied`` [N], the mean
+    effort of the actuator, which act over the sample that starts at each state, have shape (n,);
+    ``events`` has dtype EVENT, one row an impulse. ``measured_position`` [m] and
+    ``measured_velocity`` [m/s], nan where there is none, are what the controller saw: of an
+    ideal axis the state itself.
     """
 
     time: np.ndarray
@@ -35,6 +54,9 @@ class Run:
     effort: np.ndarray
     damping: np.ndarray
     events: np.ndarray
+    applied: np.ndarray
+    measured_position: np.ndarray
+    measured_velocity: np.ndarray
 
 
 @compiled
@@ -49,6 +71,28 @@ def closed_loop(axis, profile, start, gains, position, velocity, effort, area, g
         if k < len(damping):
             damping[k], noise = damping_at(profile[0], noise, k)
             x, v = axis_step(x, v, effort[k], damping[k], m, F_c, time_step)
+
+
+@compiled
+def real_loop(axis, profile, hardware, state, hidden, gains, care, memory, watch, answer,
+              states, measured, commands, felt):
+    """
+    Fill the rows of n steps.
+
+    ``states`` and ``measured`` (position, velocity) have shape (n + 1, 2), ``commands`` (effort,
+    area, guard, the velocity that the law took) (n + 1, 4), ``felt`` (damping, effort) (n, 2).
+    """
+    now, seen, told = state[0], hidden[0], answer[0]
+    sense(axis, hardware, state, hidden)
+    for k in range(len(states)):
+        states[k, 0], states[k, 1] = now.position, now.velocity
+        measured[k, 0], measured[k, 1] = seen.position, seen.velocity
+        control_carefully(memory, watch, gains, care, seen.position, seen.velocity, answer)
+        commands[k, 0], commands[k, 1], commands[k, 2] = told.effort, told.area, told.guard
+        commands[k, 3] = told.velocity
+        if k < len(felt):
+            real_step(axis, profile, hardware, state, hidden, told.effort)
+            felt[k, 0], felt[k, 1] = now.damping, now.effort
 
 
 def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
@@ -74,20 +118,51 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     positive, and `DivergedError` when the motion leaves all bounds.
     """
     steps = steps_of(axis, controller, duration)
-    position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
-    guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
-    closed_loop(*axis.packed(), axis.start(), controller.packed(), position, velocity, effort,
-                area, guard, damping)
-    if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
-        size = np.maximum(np.abs(position), np.abs(velocity))
-        first = int(np.flatnonzero(~(size < DIVERGED))[0])
-        raise DivergedError(position[first], velocity[first], f'{first * axis.time_step:g}')
+    made = made_ideally if axis.is_ideal and is_plain(controller) else made_really
+    signals, (area, guard, velocity) = made(axis, controller, steps)
+    _require_bounded(axis, signals['position'], signals['velocity'])
     time = np.arange(steps + 1, dtype=float)
     time *= axis.time_step
     fired = np.flatnonzero(guard)
     events = np.empty(len(fired), EVENT)
     for name, values in (('tick', fired), ('guard', guard[fired]), ('area', area[fired]),
-                         ('position', position[fired]), ('velocity', velocity[fired])):
+                         ('position', signals['measured_position'][fired]),
+                         ('velocity', velocity[fired])):
         events[name] = values
-    return Run(time=time, position=position, velocity=velocity, effort=effort, damping=damping,
-               events=events)
+    return Run(time=time, events=events, **signals)
+
+
+def _require_bounded(axis: Axis, position: np.ndarray, velocity: np.ndarray) -> None:
+    """Raise `DivergedError` when the motion leaves all bounds."""
+    if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
+        size = np.maximum(np.abs(position), np.abs(velocity))
+        first = int(np.flatnonzero(~(size < DIVERGED))[0])
+        raise DivergedError(position[first], velocity[first], f'{first * axis.time_step:g}')
+
+
+Made = tuple[dict[str, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def made_ideally(axis: Axis, controller: Controller, steps: int) -> Made:
+    """Return the signals of `Run` by name, and area, guard and velocity at each state."""
+    position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
+    guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
+    closed_loop(*axis.packed(), axis.start(), controller.packed(), position, velocity, effort,
+                area, guard, damping)
+    return {'position': position, 'velocity': velocity, 'effort': effort, 'damping': damping,
+            'applied': effort[:-1], 'measured_position': position,
+            'measured_velocity': velocity}, (area, guard, velocity)
+
+
+def made_really(axis: Axis, controller: Controller, steps: int) -> Made:
+    """Do `made_ideally` with all of core/hardware.py and core/careful.py."""
+    states, measured = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
+    commands, felt = np.empty((steps + 1, 4)), np.empty((steps, 2))
+    real_loop(*axis.packed(), axis.packed_hardware(), axis.start(), at_rest(),
+              controller.packed(), packed_care(controller.flat(), 1), fresh_memory(),
+              fresh_watch(), np.zeros(1, ANSWER), states, measured, commands, felt)
+    (position, velocity), (effort, area, guard, taken) = states.T.copy(), commands.T.copy()
+    damping, applied = felt.T.copy()
+    return {'position': position, 'velocity': velocity, 'effort': effort, 'damping': damping,
+            'applied': applied, 'measured_position': measured[:, 0].copy(),
+            'measured_velocity': measured[:, 1].copy()}, (area, guard, taken)

@@ -29,6 +29,7 @@ from impulse_control_ros.core.lanes import LANES
 from impulse_control_ros.core.law import Law, SUITED
 from impulse_control_ros.core.metrics import COUNTS
 from impulse_control_ros.core.parameter import (
+    build,
     converted,
     parameter,
     ParameterError,
@@ -158,13 +159,17 @@ def typed(name: str, value: Any) -> Any:
     return converted(name, value, default, spec)
 
 
+# Of values that bind each other the ones on which they meet first, by name: largest or smallest.
+TIGHTEST = {'damping.lower': max, 'damping.upper': min, 'm': min, 'payload.mass': min,
+            'F_c': max, 'stribeck.F_s': min, 'disturbance.start': max, 'disturbance.end': min}
+
+
 def _require_bounds(values: Mapping[str, list[Any]], axis: Axis) -> None:
-    """Refuse bounds of the damping that cross in some row."""
-    known = axis.flat() | {found(name)[1]: max(given) if 'lower' in name else min(given)
-                           for name, given in values.items()}
-    lower, upper = known['damping.lower'], known['damping.upper']
-    if lower > upper:
-        raise refusal('damping.lower', lower, f'<= damping.upper = {upper:g} [N s/m]')
+    """Refuse values of the axis that do not fit together in some row."""
+    tightest = {inner: TIGHTEST[inner](given) for name, given in values.items()
+                for side, inner, *_ in [found(name)]
+                if side == 'plant_simulator' and inner in TIGHTEST}
+    build(type(axis), axis.flat() | tightest)
 
 
 def varied(study: Study, rows: range) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """Bags of ours as arrays: what a run was."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 import json
@@ -14,7 +14,7 @@ import numpy as np
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
-from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
+from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, RESET_MARK, WITHOUT_VELOCITY
 from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
 
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
@@ -51,13 +51,13 @@ class Recording:
     What a bag holds of one joint.
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
-    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units; a state is ``marked`` where a
-    run starts or is reset. ``parameters`` at the start by node name and parameter name, and the
-    ``changes`` to them in the order of time; ``version`` is that of the package that recorded
-    them; ``receipt`` is what the recorder says at the end (messages, missing, repeated, foreign,
-    wall_seconds), empty for a bag that was cut off, of which ``unread`` bytes at the end are no
-    whole record; None for a finished one.
-    States of other joints, or out of their time, are left out.
+    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units, nan for a velocity that was
+    not measured; a state is ``marked`` where a run starts or is reset. ``parameters`` at the
+    start by node name and parameter name, and the ``changes`` to them in the order of time;
+    ``version`` is that of the package that recorded them; ``receipt`` is what the recorder says
+    at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut
+    off, of which ``unread`` bytes at the end are no whole record; None for a finished one. States
+    of other joints, or out of their time, are left out.
     """
 
     states: np.ndarray
@@ -227,6 +227,8 @@ class Series:
         layouts = layouts_of(self._kind, joint)
         for which, content in column.same_size():
             for number, layout in enumerate(layouts):
+                if known[which].all():
+                    break
                 good, sec, nanosec, *values = layout.decode_rows(content)
                 at = which[good]
                 known[at] = True
@@ -235,7 +237,8 @@ class Series:
                     rows['guard'][at] = number
                 elif self._kind is SAMPLE:
                     rows['marked'][at] = layout.frame_id == RESET_MARK
-                for name, value in zip(self._measured, values, strict=True):
+                    rows['velocity'][at] = np.nan
+                for name, value in zip(self._names(layout), values, strict=True):
                     rows[name][at] = value[good]
         known &= rows['stamp'] == column.stamp
         self._rows.append(rows[known])
@@ -244,6 +247,10 @@ class Series:
     @property
     def _measured(self) -> list[str]:
         return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
+
+    def _names(self, layout: JointStateLayout) -> Sequence[str]:
+        """Return our names of the fields of a layout."""
+        return self._measured if self._kind is IMPULSE else layout.fields
 
     def in_order(self) -> np.ndarray:
         """Return the rows in the order of their log time."""
@@ -261,4 +268,5 @@ def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
         return [JointStateLayout(joint, guard) for guard in GUARDS]
     if kind is COMMAND:
         return [JointStateLayout(joint, '', ('effort',))]
-    return [JointStateLayout(joint, mark) for mark in ('', RESET_MARK)]
+    return [JointStateLayout(joint, mark, fields) for fields in (FIELDS, WITHOUT_VELOCITY)
+            for mark in ('', RESET_MARK)]

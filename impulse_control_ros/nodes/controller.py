@@ -20,12 +20,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.design import Finding, findings, Level
-from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
+from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
-from impulse_control_ros.files.cdr import RESET_MARK
+from impulse_control_ros.files.cdr import RESET_MARK, WITHOUT_VELOCITY
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.graph import plants, publishers
@@ -56,13 +57,16 @@ class Controller(ParameterNode):
         super().__init__('controller', ControllerParameters, **options)
         joint, logger = self.parameters.joint_name, self.get_logger()
         self._state_layout = state_layout(joint, logger)
+        self._bare_layout = state_layout(joint, logger, fields=WITHOUT_VELOCITY)
         self._command_layout = command_layout(joint, logger)
         self._event_layouts = {number: event_layout(joint, logger, guard)
                                for number, guard in enumerate(GUARDS) if guard}
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
-        self._packed = self.parameters.packed()
+        self._watch = fresh_watch()
+        self._pack()
         self._control = machine_code(
-            control, fresh_memory(), self._packed, 0.0, 0.0, np.zeros(1, ANSWER))
+            control_carefully, fresh_memory(), fresh_watch(), self._packed, self._care, 0.0, 0.0,
+            np.zeros(1, ANSWER))
         self._seen = b''
         self._sent: tuple[bytes, bytes] = (b'', b'')
         self._stamp = self._first = NEVER
@@ -138,7 +142,7 @@ class Controller(ParameterNode):
                 f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
                 'is not answered', throttle_duration_sec=5.0)
             return False
-        self._memory = fresh_memory()
+        self._memory, self._watch = fresh_memory(), fresh_watch()
         if self._stamp == NEVER:
             self._first, self._answered_before = (sec, nanosec), self._counts['answered']
         elif not follows:
@@ -160,8 +164,12 @@ class Controller(ParameterNode):
 
     def parameters_changed(self) -> None:
         """Let the next sample be answered with the new gains."""
-        self._packed = self.parameters.packed()
+        self._pack()
         self._warn()
+
+    def _pack(self) -> None:
+        self._packed = self.parameters.packed()
+        self._care = packed_care(self.parameters.flat(), 1)
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
@@ -178,26 +186,22 @@ class Controller(ParameterNode):
             self._held = raw
             return
         values = self._state_layout.decode(raw)
-        if values is not None:
+        if values is not None and math.isfinite(values[2]) and math.isfinite(values[3]):
             sec, nanosec, position, velocity, _ = values
             mark = False
         else:
             try:
-                sec, nanosec, frame_id, position, velocity = decode_any(
-                    raw, self.parameters.joint_name, ('position', 'velocity'))
+                sec, nanosec, mark, position, velocity = self._decoded(raw)
             except UnreadableError as error:
                 self._reject(f'a state {error}')
                 return
-            mark = frame_id == RESET_MARK
-        if not (math.isfinite(position) and math.isfinite(velocity)):
-            self._reject(f'a state with position {position}, velocity {velocity}')
-            return
         if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(sec, nanosec):
             self._held = b'' if self._plant_known else raw
             return
         self._stamp, self._seen = (sec, nanosec), raw
-        self._control(self._memory, self._packed, position, velocity, self._answer)
-        effort, area, guard = self._answer.item()
+        self._control(self._memory, self._watch, self._packed, self._care, position, velocity,
+                      self._answer)
+        effort, area, guard, velocity = self._answer.item()
         if not math.isfinite(effort):
             self.fail(ArithmeticError(f'the effort for position {position:g} m, velocity '
                                       f'{velocity:g} m/s is {effort}; allowed is finite [N]'))
@@ -211,6 +215,20 @@ class Controller(ParameterNode):
         self._publish_command(command)
         self._sent = (event, command)
         self._counts['answered'] += 1
+
+    def _decoded(self, raw: bytes) -> tuple[int, int, bool, float, float]:
+        """Return (sec, nanosec, whether marked, position, velocity) of any state, or raise."""
+        bare = self._bare_layout.decode(raw)
+        if bare is not None:
+            sec, nanosec, position, _ = bare
+            frame_id, velocity = '', None
+        else:
+            sec, nanosec, frame_id, position, velocity = decode_any(
+                raw, self.parameters.joint_name, ('position',), ('velocity',))
+        if not (math.isfinite(position) and (velocity is None or math.isfinite(velocity))):
+            raise UnreadableError(f'with position {position}, velocity {velocity}')
+        return (sec, nanosec, frame_id == RESET_MARK, position,
+                math.nan if velocity is None else velocity)
 
     def _repeat(self) -> None:
         event, command = self._sent

@@ -17,10 +17,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from impulse_control_ros.core.axis import DIVERGED, DivergedError, plant_step
-from impulse_control_ros.core.kernel import machine_code
+from impulse_control_ros.core.axis import DIVERGED, DivergedError
 from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
-from impulse_control_ros.files.cdr import encode_float64, encode_time, RESET_MARK
+from impulse_control_ros.files.cdr import (
+    encode_float64,
+    encode_time,
+    RESET_MARK,
+    WITHOUT_VELOCITY,
+)
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.graph import publishers
@@ -28,6 +32,7 @@ from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
+from impulse_control_ros.nodes.simulated_axis import SimulatedAxis
 from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
@@ -56,14 +61,13 @@ class PlantSimulator(ParameterNode):
         self._step_ns = nanoseconds(parameters.time_step, 'time_step')
         self._start_ns = nanoseconds(parameters.start_time, 'start_time')
         joint, logger = parameters.joint_name, self.get_logger()
-        self._layout = state_layout(joint, logger)
-        self._reset_layout = state_layout(joint, logger, RESET_MARK)
+        self._layouts = {mark: state_layout(joint, logger, mark) for mark in ('', RESET_MARK)}
+        self._layouts_without_velocity = {
+            mark: state_layout(joint, logger, mark, WITHOUT_VELOCITY) for mark in self._layouts}
         self._command_layout = command_layout(joint, logger)
         self._lockstep = parameters.lockstep
         self.tick = -1
-        self._state = parameters.start()
-        self._plant_step = machine_code(
-            plant_step, *parameters.packed(), parameters.start(), 0.0)
+        self._axis = SimulatedAxis(parameters)
         self._stamp = self._answered = (-1, 0)
         self._message = b''
         self._awaiting = False
@@ -102,7 +106,7 @@ class PlantSimulator(ParameterNode):
     def parameters_changed(self) -> None:
         """Let the next sample be made with the new parameters."""
         parameters = self.parameters
-        self._axis, self._profile = parameters.packed()
+        self._axis.change(parameters)
         self._last_tick = (ticks(parameters.duration, parameters.time_step)
                            if parameters.duration else ENDLESS)
         self._clock_every = self._every(parameters.clock_rate)
@@ -119,32 +123,35 @@ class PlantSimulator(ParameterNode):
     # -- the sample -------------------------------------------------------------------------
 
     def _step(self) -> None:
-        self._plant_step(self._axis, self._profile, self._state, self._effort)
-        self._publish_sample(self._layout)
+        self._axis.step(self._effort)
+        self._publish_sample()
 
     def _reset_state(self) -> None:
         self._reset_wanted = False
-        state = self._state[0]
-        state['position'], state['velocity'] = self.parameters.x_0, self.parameters.v_0
-        state['effort'] = 0.0
-        state['tick'] += 1
+        self._axis.reset()
         self._effort = 0.0
-        self._publish_sample(self._reset_layout)
+        self._publish_sample(RESET_MARK)
 
-    def _publish_sample(self, layout: Any) -> None:
-        tick, position, velocity, effort, damping, _ = self._state.item()
+    def _publish_sample(self, mark: str = '') -> None:
+        tick, position, velocity, effort, damping, _ = self._axis.state()
         if not abs(position) < DIVERGED > abs(velocity):
             self.fail(DivergedError(position, velocity, self.seconds(1)))
             return
         self.tick = tick
         self._stamp = sec, nanosec = stamp(tick, self._start_ns, self._step_ns)
-        self._message = layout.encode(sec, nanosec, position, velocity, effort)
+        self._message = self._encoded(mark, *self._axis.measured(), effort)
         self._awaiting = self._lockstep
         self._publish_state()
         if self._clock_every and tick % self._clock_every == 0:
             self._clock_topic.publish(encode_time(sec, nanosec))
         if self._damping_every and tick % self._damping_every == 0 and tick:
             self._damping.publish(encode_float64(damping))
+
+    def _encoded(self, mark: str, position: float, velocity: float, effort: float) -> bytes:
+        """Return the state as CDR; a velocity that is not measured is an empty field."""
+        if math.isnan(velocity):
+            return self._layouts_without_velocity[mark].encode(*self._stamp, position, effort)
+        return self._layouts[mark].encode(*self._stamp, position, velocity, effort)
 
     def _publish_state(self) -> None:
         self._asked_at = monotonic()
@@ -241,9 +248,9 @@ class PlantSimulator(ParameterNode):
         if not self._meeting.complete(now, self.parameters.wait_for_recorder):
             return 0.02
         self._began = self._moving_since = now
-        self._state = self.parameters.start()
+        self._axis.start()
         self._pace.restart(0)
-        self._publish_sample(self._reset_layout)
+        self._publish_sample(RESET_MARK)
         self.get_logger().info(f'running from {self.seconds()} s')
         return 0.0
 

@@ -44,12 +44,13 @@ class UnreadableError(Exception):
     """A JointState that does not say what is asked of it; the message says why."""
 
 
-def decode_any(raw: bytes, joint: str, fields: Sequence[str]) -> tuple[Any, ...]:
+def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence[str] = (),
+               ) -> tuple[Any, ...]:
     """
     Decode any JointState: of several joints, in another byte order, with any frame_id.
 
-    Returns (sec, nanosec, frame_id, *values of ``fields`` for ``joint``); raises
-    `UnreadableError`.
+    Returns (sec, nanosec, frame_id, *values of ``fields`` and ``optional`` for ``joint``), None
+    for an optional one that is empty; raises `UnreadableError`.
     """
     try:
         message: Any = deserialize_message(raw, JointState)
@@ -58,11 +59,13 @@ def decode_any(raw: bytes, joint: str, fields: Sequence[str]) -> tuple[Any, ...]
     if joint not in message.name:
         raise UnreadableError(f'without joint {joint!r}')
     at, stamp = list(message.name).index(joint), message.header.stamp
-    for field in fields:
-        if len(getattr(message, field)) <= at:
+    wanted = [*fields, *optional]
+    empty = [field for field in optional if not len(getattr(message, field))]
+    for field in wanted:
+        if field not in empty and len(getattr(message, field)) <= at:
             raise UnreadableError(f'without {field} of joint {joint!r}')
     return (stamp.sec, stamp.nanosec, message.header.frame_id,
-            *(getattr(message, field)[at] for field in fields))
+            *(None if field in empty else getattr(message, field)[at] for field in wanted))
 
 
 class TypedLayout:
@@ -111,9 +114,10 @@ def verified(fast: JointStateLayout, logger: Any) -> JointStateLayout | TypedLay
     return slow
 
 
-def state_layout(joint: str, logger: Any, mark: str = '') -> JointStateLayout | TypedLayout:
+def state_layout(joint: str, logger: Any, mark: str = '', fields: Sequence[str] = FIELDS,
+                 ) -> JointStateLayout | TypedLayout:
     """Return the layout of joint_states; ``mark`` is the frame_id."""
-    return verified(JointStateLayout(joint, mark), logger)
+    return verified(JointStateLayout(joint, mark, fields), logger)
 
 
 def command_layout(joint: str, logger: Any) -> JointStateLayout | TypedLayout:

@@ -9,8 +9,9 @@ HEAD = """# Parameters
 
 Made by `python -m impulse_control_ros.tools.parameter_table`. All can be set while the nodes run
 (`ros2 param set`), except those marked fixed. Numbers in parentheses are equations of the paper.
-Values that bind each other: `damping.lower` <= `damping.upper`; plant and controller have the same
-`time_step` and `joint_name`; `lockstep: false` needs a `real_time_factor` above 0.
+Values that bind each other: `damping.lower` <= `damping.upper`; `stribeck.F_s` is 0 or at least
+`F_c`; `m` + `payload.mass` > 0; `disturbance.end` is 0 or after its start; plant and controller
+have the same `time_step` and `joint_name`; `lockstep: false` needs a `real_time_factor` above 0.
 """
 
 

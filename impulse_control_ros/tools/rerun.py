@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.parameter import build, declared, Parameters
+from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
 from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.files.columns import BagError
@@ -94,18 +94,47 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
     """
     Answer the recorded states.
 
-    Where the run was free, the controller has seen the states that it answered, and maybe no
-    other. Raises `ParameterError` for a wrong override, `BagError` without parameters.
+    Raises `ParameterError` for a wrong override, `BagError` without parameters.
+    """
+    states, pieces, answers = answered_states(recording, overrides)
+    return Rerun(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
+
+
+def answered_states(recording: Recording, overrides: Mapping[str, Any],
+                    ) -> tuple[np.ndarray, list[Piece], np.ndarray]:
+    """
+    Return the states that the controller has answered, the pieces, and the answers anew.
+
+    Where the run was free, it has seen the states that it answered, and maybe no other.
     """
     states = states_of(recording)
-    seen = np.isfinite(states['position']) & np.isfinite(states['velocity'])
+    # an answered state has a velocity, or an empty field that reads as nan
+    seen = np.isfinite(states['position']) & (np.isfinite(states['velocity']) | (
+        np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp'])))
     plant = recording.parameters[node_of(recording, PlantParameters)]
     if not plant['lockstep']:
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
     pieces = pieces_of(recording, states['stamp'], states['marked'], overrides)
-    answers = answered(states['position'], states['velocity'], pieces)
-    return Rerun(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
+    return states, pieces, answered(states['position'], states['velocity'], pieces)
+
+
+def with_velocities(recording: Recording) -> np.ndarray:
+    """
+    Return the states; a velocity that was not measured is the one that the controller estimated.
+
+    It stays nan where the bag does not tell the parameters of our nodes.
+    """
+    states = recording.states
+    if not np.isnan(states['velocity']).any():
+        return states
+    try:
+        seen, _, answers = answered_states(recording, {})
+    except (BagError, ParameterError):
+        return states
+    states, at = states.copy(), np.searchsorted(states['stamp'], seen['stamp'])
+    states['velocity'][at] = answers['velocity']
+    return states
 
 
 def closed_loop(recording: Recording) -> Rerun:
@@ -145,9 +174,9 @@ def answers_beside(recording: Recording, states: np.ndarray, answers: np.ndarray
     commands, fired = np.zeros(len(answers), COMMAND), answers['guard'] > 0
     commands['stamp'], commands['effort'] = states['stamp'], answers['effort']
     impulses = np.zeros(np.count_nonzero(fired), IMPULSE)
-    for name in ('stamp', 'position', 'velocity'):
+    for name in ('stamp', 'position'):
         impulses[name] = states[name][fired]
-    for name in ('guard', 'area'):
+    for name in ('guard', 'area', 'velocity'):
         impulses[name] = answers[name][fired]
     return {topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
             for topic, rows, replayed in (('joint_commands', recording.commands, commands),

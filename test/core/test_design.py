@@ -1,5 +1,6 @@
 """Gains, predictions and findings, against closed forms, the exact solution and the loop."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given, settings, strategies as st
@@ -20,6 +21,7 @@ from impulse_control_ros.core.design import (
     peak_speed,
     sampled_floor,
 )
+from impulse_control_ros.core.hardware import Actuator, Sensor
 from impulse_control_ros.core.hybrid import Reading, solve
 from impulse_control_ros.core.impulse import (
     Controller,
@@ -29,6 +31,8 @@ from impulse_control_ros.core.impulse import (
     VELOCITY_ZERO,
 )
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.files.experiment import read_experiment
+from test.conftest import CONFIG
 
 PD = Controller(impulses=False)
 AXIS = Axis(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
@@ -185,3 +189,28 @@ def test_another_time_step_is_an_error():
 def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
     assert said(Level.NOTE, Controller(**change))[0].startswith(text)
     assert findings(Controller(impulses=False, **change)) == []
+
+
+@pytest.mark.parametrize(('axis', 'change', 'text'), [
+    (Axis(sensor=Sensor(resolution=1e-3)), {'position_deadband': 1.5e-3},
+     'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.0015 m, '
+     '1.5 steps of the encoder of 0.001 m, ends them'),
+    (Axis(sensor=Sensor(velocity_noise=1e-2)), {'velocity_deadband': 0.04},
+     'velocity_deadband = 1e-06 m/s lets an axis at rest have impulse after impulse: 0.04 m/s, '
+     'four times the velocity_noise of 0.01 m/s, ends them'),
+    (Axis(sensor=Sensor(resolution=1e-9, velocity='none')),
+     {'velocity_deadband': 6.3e-7, 'velocity_bandwidth': 50.0},
+     'velocity_deadband = 0 m/s lets an axis at rest have impulse after impulse: 6.28319e-07 m/s'),
+    (Axis(actuator=Actuator(delay=7)), {'stick_samples': 8},
+     'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 8 samples, '
+     'more than the delay of the actuator, 7 samples, ends them')])
+def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, change, text):
+    gains = Controller(velocity_deadband=0.0) if '0 m/s lets' in text else Controller()
+    assert any(warning.startswith(text) for warning in said(Level.WARNING, gains, axis))
+    assert said(Level.WARNING, replace(gains, **change), axis) == []
+    assert said(Level.WARNING, replace(gains, impulses=False), axis) == []
+
+
+def test_the_encoder_experiment_has_no_findings():
+    experiment = read_experiment(CONFIG / 'encoder.yaml')
+    assert findings(experiment.controller, experiment.plant_simulator) == []

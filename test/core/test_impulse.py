@@ -4,14 +4,17 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.impulse import (
     ANSWER,
-    control,
+    answered,
     Controller,
+    fresh,
     fresh_memory,
     NO_IMPULSE,
     POSITION_ZERO,
     STICKING,
+    unpacked,
     VELOCITY_ZERO,
 )
 
@@ -19,12 +22,23 @@ M, K, D, D_BAR, STEP = 0.1, 10.0, 0.5, 1.5, 1e-4
 
 
 def answers(samples, gains=None):
-    """Answer a sequence of (position, velocity); a third entry changes gains from there on."""
-    gains = gains or Controller()
-    memory, answer, given_answers = fresh_memory(), np.zeros(1, ANSWER), []
+    """
+    Answer a sequence of (position, velocity); a third entry changes gains from there on.
+
+    Both forms of the law do, and say the same to the last bit.
+    """
+    plain, memory, watch, answer = fresh(), fresh_memory(), fresh_watch(), np.zeros(1, ANSWER)
+    given_answers, changes = [], [gains or Controller()]
     for position, velocity, *change in samples:
-        gains = change[0] if change else gains
-        control(memory, gains.packed(), position, velocity, answer)
+        changes += change
+        if changes:
+            gains = changes.pop()
+            packed, care = gains.packed(), packed_care(gains.flat(), 1)
+            law = unpacked(packed[0])
+        control_carefully(memory, watch, packed, care, position, velocity, answer)
+        *expected, plain = answered(plain, law, position, velocity)
+        assert np.array(answer[0].item()[:2]).tobytes() == np.array(expected[:2]).tobytes()
+        assert answer[0]['guard'] == expected[2]
         given_answers.append(answer[0].copy())
     return np.array(given_answers, ANSWER)
 

@@ -26,6 +26,7 @@ import numpy as np
 from impulse_control_ros.core.metrics import impulsive
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import Recording
+from impulse_control_ros.tools.rerun import with_velocities
 
 NO_GAINS = {'x_r': 0.0, 'K': 0.0, 'D': 0.0, 'effort_limit': 0.0}
 
@@ -59,10 +60,10 @@ class Run:
     path: Path
     recording: Recording
 
-    @property
+    @cached_property
     def states(self) -> np.ndarray:
-        """Return the states, shape (n,)."""
-        return self.recording.states
+        """Return the states, shape (n,), with the velocities that the controller took."""
+        return with_velocities(self.recording)
 
     @cached_property
     def time(self) -> np.ndarray:

@@ -1,0 +1,222 @@
+"""
+What lies between an ideal axis and a real one, each part off by default.
+
+======================  ==========================  ========  ===================================
+symbol                  name                        unit      meaning
+======================  ==========================  ========  ===================================
+q                       sensor.resolution           m         step of the encoder
+s_x, s_v                sensor.position_noise, ...  m, m/s    standard deviations of the noise
+u_max                   actuator.limit              N         largest effort
+T                       actuator.time_constant      s         first-order lag
+n                       actuator.delay              samples   from a command to the actuator
+dm                      payload.mass                kg        added to m from payload.time on
+w                       disturbance.force           N         force beside the effort
+======================  ==========================  ========  ===================================
+
+A command is delayed, then limited, then lagged. The lag's output between two samples is an
+exponential; the axis sees its mean over the sample,
+
+    u = c + (a - c) (1 - p) T / dt,    a+ = c + (a - c) p,    p = exp(-dt / T),
+
+so the area of every command is kept exactly, and the position is off by less than
+abs(c - a) dt^2 / (8 m). All else is exact, as the effort of an ideal axis is: the disturbance is
+held over the sample. Velocity goes on when the payload comes or goes.
+
+Noise is a hash of (seed, tick), as in core/damping.py: a run is a function of its parameters.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+
+from impulse_control_ros.core.damping import sine, white, word
+from impulse_control_ros.core.kernel import compiled
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
+
+VELOCITIES = ('ideal', 'difference', 'none')
+IDEAL, DIFFERENCE, NONE = range(3)
+FORCES = ('constant', 'noise', 'sinusoidal')
+CONSTANT, NOISE, SINUSOIDAL = range(3)
+MOST_DELAY = 1000
+# Each noise counts from a place of its own in the stream of a seed; damping counts from 0.
+POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
+HARDWARE = np.dtype([
+    ('resolution', 'f8'), ('position_noise', 'f8'), ('velocity_noise', 'f8'), ('velocity', 'i8'),
+    ('sensor_seed', 'u8'), ('limit', 'f8'), ('pole', 'f8'), ('share', 'f8'), ('delay', 'i8'),
+    ('mass', 'f8'), ('mass_time', 'f8'), ('kind', 'i8'), ('force', 'f8'), ('start', 'f8'),
+    ('end', 'f8'), ('turn', 'f8'), ('force_pole', 'f8'), ('force_gain', 'f8'),
+    ('force_seed', 'u8'), ('F_s', 'f8'), ('v_s', 'f8')])
+# What the hardware remembers: the measured state, the actuator's output, commands on their way.
+HIDDEN = np.dtype([('position', 'f8'), ('velocity', 'f8'), ('measured', 'f8'), ('actuator', 'f8'),
+                   ('noise', 'f8'), ('queue', 'f8', (MOST_DELAY + 1,))])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(Parameters):
+    """The encoder, and where the measured velocity comes from."""
+
+    resolution: float = parameter(
+        0.0, 'm', 'step of the encoder, to which the position is rounded; 0 for none', lower=0.0)
+    position_noise: float = parameter(
+        0.0, 'm', 'standard deviation of the position before it is rounded', lower=0.0)
+    velocity: str = parameter(
+        'ideal', '', 'measured velocity: that of the axis, the difference of the measured '
+        'positions over a sample, or none, an empty field', choices=VELOCITIES)
+    velocity_noise: float = parameter(
+        0.0, 'm/s', 'standard deviation of the measured velocity', lower=0.0)
+    seed: int = parameter(1, '', 'seed of both noises', lower=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuator(Parameters):
+    """The way from a command to the effort on the axis."""
+
+    limit: float = parameter(
+        0.0, 'N', 'largest effort of the actuator, which clips the rest; 0 for none', lower=0.0)
+    time_constant: float = parameter(
+        0.0, 's', 'time constant of its first-order lag; 0 for none', lower=0.0, upper=1e3)
+    delay: int = parameter(
+        0, 'samples', 'from a command to the actuator', lower=0, upper=MOST_DELAY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload(Parameters):
+    """A step of the moving mass."""
+
+    mass: float = parameter(
+        0.0, 'kg', 'added to m; negative for a load that is put down, m + payload.mass > 0',
+        lower=-FAR, upper=FAR)
+    time: float = parameter(
+        0.0, 's', 'simulated time since the start of the run from which it is added', lower=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disturbance(Parameters):
+    """A force that nobody commands."""
+
+    kind: str = parameter('constant', '', 'how the disturbance varies', choices=FORCES)
+    force: float = parameter(
+        0.0, 'N', 'the constant force, the amplitude of the sinusoid, the standard deviation of '
+        'the noise; 0 for none', lower=-FAR, upper=FAR)
+    start: float = parameter(
+        0.0, 's', 'simulated time since the start of the run from which it acts', lower=0.0)
+    end: float = parameter(
+        0.0, 's', 'simulated time up to which it acts; 0 for no end', lower=0.0)
+    bandwidth: float = parameter(
+        5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
+        open_lower=True)
+    seed: int = parameter(1, '', 'seed of the noise', lower=0)
+
+    def check(self) -> None:
+        """Refuse an end before the start."""
+        if 0.0 < self.end <= self.start:
+            raise refusal('disturbance.end', self.end,
+                          f'0 or > disturbance.start = {self.start:g} [s]')
+
+
+# Values with which the axis is ideal.
+OFF: Mapping[str, Any] = {
+    'sensor.resolution': 0.0, 'sensor.position_noise': 0.0, 'sensor.velocity': 'ideal',
+    'sensor.velocity_noise': 0.0, 'actuator.limit': 0.0, 'actuator.time_constant': 0.0,
+    'actuator.delay': 0, 'payload.mass': 0.0, 'disturbance.force': 0.0, 'stribeck.F_s': 0.0}
+
+
+def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
+    """Pack values, or arrays of shape (runs,), by the names of `Axis`: dtype HARDWARE."""
+    rows = np.zeros(runs, HARDWARE)
+    for name, source in (
+            ('resolution', 'sensor.resolution'), ('position_noise', 'sensor.position_noise'),
+            ('velocity_noise', 'sensor.velocity_noise'), ('sensor_seed', 'sensor.seed'),
+            ('delay', 'actuator.delay'), ('mass', 'payload.mass'), ('force', 'disturbance.force'),
+            ('force_seed', 'disturbance.seed'), ('F_s', 'stribeck.F_s'), ('v_s', 'stribeck.v_s')):
+        rows[name] = values[source]
+    for name, source in (('mass_time', 'payload.time'), ('start', 'disturbance.start'),
+                         ('end', 'disturbance.end')):
+        rows[name] = np.round(np.asarray(values[source]) / time_step)  # in ticks
+    for name, source, kinds in (('velocity', 'sensor.velocity', VELOCITIES),
+                                ('kind', 'disturbance.kind', FORCES)):
+        for index, kind in enumerate(kinds):
+            rows[name][np.asarray(values[source]) == kind] = index
+    rows['limit'] = np.where(np.asarray(values['actuator.limit']) > 0.0,
+                             values['actuator.limit'], np.inf)
+    rows['end'][rows['end'] == 0.0] = np.inf
+    lag = np.broadcast_to(np.asarray(values['actuator.time_constant']) / time_step, runs)
+    # math's exp, value by value: numpy's differs in the last bit from machine to machine.
+    rows['pole'] = [math.exp(-1.0 / item) if item > 0.0 else 0.0 for item in lag.tolist()]
+    rows['share'] = [-math.expm1(-1.0 / item) * item if item > 0.0 else 0.0
+                     for item in lag.tolist()]
+    rows['turn'] = np.asarray(values['disturbance.bandwidth']) * time_step
+    rows['force_pole'] = [math.exp(-2.0 * math.pi * turn) for turn in rows['turn'].tolist()]
+    rows['force_gain'] = np.sqrt(1.0 - rows['force_pole'] * rows['force_pole'])
+    return rows
+
+
+def at_rest() -> np.ndarray:
+    """Return the hardware's memory at the start and after a reset: shape (1,), dtype HIDDEN."""
+    hidden = np.zeros(1, HIDDEN)
+    hidden['measured'] = np.nan  # no position yet
+    return hidden
+
+
+@compiled
+def normal(seed, start, tick):
+    """
+    Return normal noise of unit variance, from the stream of ``seed`` that starts at ``start``.
+
+    It is the sum of twelve uniform variables of 16 bits: within 6 standard deviations, and the
+    same bits on any machine, which log and cos are not.
+    """
+    total = 0.0
+    for i in range(3):
+        bits = word(seed, start + np.uint64(3 * tick + i))
+        for _ in range(4):
+            total += np.float64(bits & np.uint64(0xFFFF))
+            bits = bits >> np.uint64(16)
+    return (total + 6.0) * 2.0**-16 - 6.0
+
+
+@compiled
+def measure(hardware, state, hidden, sample_rate):
+    """Measure the state: set ``hidden.position`` and ``hidden.velocity``."""
+    x, v = state.position, state.velocity
+    if hardware.position_noise > 0.0:
+        x += hardware.position_noise * normal(hardware.sensor_seed, POSITION_NOISE, state.tick)
+    if hardware.resolution > 0.0:
+        x = hardware.resolution * np.floor(x / hardware.resolution + 0.5)
+    if hardware.velocity == DIFFERENCE:
+        v = 0.0 if np.isnan(hidden.measured) else (x - hidden.measured) * sample_rate
+    if hardware.velocity_noise > 0.0:
+        v += hardware.velocity_noise * normal(hardware.sensor_seed, VELOCITY_NOISE, state.tick)
+    hidden.position, hidden.measured = x, x
+    hidden.velocity = np.nan if hardware.velocity == NONE else v
+
+
+@compiled
+def actuate(hardware, hidden, tick, command):
+    """Return the mean effort [N] over the sample that starts at ``tick``."""
+    hidden.queue[tick % (MOST_DELAY + 1)] = command
+    arrived = hidden.queue[(tick - hardware.delay) % (MOST_DELAY + 1)]
+    target = min(max(arrived, -hardware.limit), hardware.limit)
+    if hardware.pole == 0.0:
+        hidden.actuator = target
+        return target
+    away = hidden.actuator - target
+    hidden.actuator = target + away * hardware.pole
+    return target + away * hardware.share
+
+
+@compiled
+def disturb(hardware, hidden, tick):
+    """Return the disturbance [N] over the sample that starts at ``tick``."""
+    shape = 1.0
+    if hardware.kind == NOISE:
+        fresh = white(hardware.force_seed, FORCE_NOISE + np.uint64(tick))
+        hidden.noise = fresh if tick == 0 else (
+            hardware.force_pole * hidden.noise + hardware.force_gain * fresh)
+        shape = hidden.noise
+    elif hardware.kind == SINUSOIDAL:
+        shape = sine(hardware.turn * (tick - hardware.start))
+    return hardware.force * shape if hardware.start <= tick < hardware.end else 0.0

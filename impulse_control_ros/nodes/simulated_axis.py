@@ -1,0 +1,60 @@
+"""The axis as the plant node holds it: its state, its hardware, and the kernel that steps both."""
+
+from typing import Any
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.hardware import at_rest
+from impulse_control_ros.core.kernel import machine_code
+from impulse_control_ros.core.plant import real_step, sense
+
+
+class SimulatedAxis:
+    """
+    An axis under changing parameters; what it does is a function of those and of the commands.
+
+    One kernel serves every axis: of an ideal one it makes the bits of core/axis.py.
+    """
+
+    def __init__(self, axis: Axis) -> None:
+        self._real_step = machine_code(
+            real_step, *axis.packed(), axis.packed_hardware(), axis.start(), at_rest(), 0.0)
+        self.change(axis)
+        self.start()
+
+    def change(self, axis: Axis) -> None:
+        """Let the next sample be made with other parameters."""
+        self._parameters = axis
+        self._axis, self._profile = axis.packed()
+        self._hardware = axis.packed_hardware()
+
+    def start(self) -> None:
+        """Put the axis to its start, at tick 0."""
+        self._state = self._parameters.start()
+        self._measure_anew()
+
+    def reset(self) -> None:
+        """Make one sample in which the axis comes back to its start; noise and time go on."""
+        state, start = self._state, self._parameters.start()
+        state['tick'] += 1
+        for name in ('position', 'velocity', 'effort'):
+            state[name] = start[name]
+        self._measure_anew()
+
+    def _measure_anew(self) -> None:
+        self._hidden = at_rest()
+        self._measured = self._hidden.view('f8')[:2]  # a view is read faster than two fields
+        sense(self._axis, self._hardware, self._state, self._hidden)
+
+    def step(self, command: float) -> None:
+        """Make one sample under ``command`` [N]."""
+        self._real_step(self._axis, self._profile, self._hardware, self._state, self._hidden,
+                        command)
+
+    def state(self) -> tuple[Any, ...]:
+        """Return the fields of STATE."""
+        return self._state.item()
+
+    def measured(self) -> tuple[float, float]:
+        """Return position [m] and velocity [m/s] as the sensor has them; nan for no velocity."""
+        position, velocity = self._measured.tolist()
+        return position, velocity

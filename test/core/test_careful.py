@@ -1,0 +1,216 @@
+"""The law on real signals: each pitfall of encoders, noise and delay, and what ends it."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
+from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.hardware import Actuator, Sensor
+from impulse_control_ros.core.impulse import (
+    ANSWER,
+    Controller,
+    fresh_memory,
+    POSITION_ZERO,
+    STICKING,
+    VELOCITY_ZERO,
+)
+from impulse_control_ros.core.simulate import Run, simulate
+
+M, K, STEP = 0.1, 10.0, 1e-4
+Q = 2 * math.pi * 0.1 / 4096  # an encoder of 4096 steps a turn on a wheel of radius 0.1 m
+NOISY = Sensor(resolution=Q, velocity_noise=1e-2)
+WARY = Controller(position_deadband=1.5 * Q, velocity_deadband=0.05)  # 1.5 steps, 5 sigma
+AT_REST = 2.0  # s, from which on a run of 4 s is judged
+
+
+def answers(samples, gains):
+    """Answer (position, velocity) or (position, velocity, x_r), nan for no velocity."""
+    memory, watch, answer, told = fresh_memory(), fresh_watch(), np.zeros(1, ANSWER), []
+    for position, velocity, *x_r in samples:
+        law = replace(gains, x_r=x_r[0]) if x_r else gains
+        control_carefully(memory, watch, law.packed(), packed_care(law.flat(), 1), position,
+                          velocity, answer)
+        told.append(answer[0].copy())
+    return np.array(told, ANSWER)
+
+
+def impulses_per_second(run: Run) -> float:
+    return float(np.sum(run.events['tick'] * STEP >= AT_REST) / (run.time[-1] - AT_REST))
+
+
+def farthest(run: Run) -> float:
+    """Return the largest error at rest in steps of the encoder."""
+    return float(np.abs(run.position[run.time >= AT_REST]).max() / Q)
+
+
+def energy(run: Run) -> np.ndarray:
+    """Return what each impulse puts into the axis [J]."""
+    area, v = run.events['area'], run.velocity[run.events['tick']]
+    return area * v + area**2 / (2 * M)
+
+
+# -- the dead bands ---------------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', range(1, 6))
+@pytest.mark.parametrize('F_c', [0.0, 0.1, 1.0])
+@pytest.mark.parametrize('damping', [0.15, 1.0])
+def test_an_encoder_and_noise_leave_no_impulse_at_rest_and_two_steps_of_error(
+        seed, F_c, damping):
+    axis = Axis(F_c=F_c, damping=Damping(value=damping), sensor=replace(NOISY, seed=seed))
+    run = simulate(axis, WARY, 4.0)
+    assert impulses_per_second(run) == 0.0
+    assert farthest(run) < 2.0
+    assert energy(run)[run.events['tick'] * STEP >= AT_REST].sum() == 0.0
+    # and on the way there, less than the spring holds at the start
+    assert energy(run).clip(0.0).sum() < 0.5 * K * axis.x_0**2
+
+
+def test_without_dead_bands_the_same_signals_storm():
+    run = simulate(Axis(F_c=1.0, sensor=NOISY), Controller(), 4.0)
+    assert impulses_per_second(run) > 1000.0
+
+
+def test_an_impulse_at_a_stand_puts_in_less_than_the_spring_gives_back():
+    for guard, position in ((VELOCITY_ZERO, 0.3), (STICKING, 0.3), (STICKING, 1e-3)):
+        told = answers([(position, 0.0)] * 2, Controller())[0 if guard == VELOCITY_ZERO else 1]
+        assert told['guard'] == guard
+        assert told['area']**2 / (2 * M) < 0.6 * 0.5 * K * position**2
+
+
+@pytest.mark.parametrize('F_c', [0.0, 0.3, 1.0])
+def test_differences_of_an_encoder_storm_until_a_crossing_counts_once(F_c):
+    axis = Axis(F_c=F_c, sensor=Sensor(resolution=Q, velocity='difference'))
+    storm = simulate(axis, WARY, 4.0)
+    assert impulses_per_second(storm) > 1000.0  # one step is a velocity of 1.5 m/s
+    assert farthest(storm) > 10.0
+    calm = simulate(axis, replace(WARY, position_hysteresis=5e-3), 4.0)
+    assert impulses_per_second(calm) == 0.0
+    assert farthest(calm) < 2.0
+
+
+# -- the options, guard by guard --------------------------------------------------------------
+
+def test_half_a_sample_of_lead_halves_the_delay_of_a_position_zero():
+    late = {}
+    for lead in (0.0, 0.5):
+        phases = np.linspace(0.005, 0.995, 100)
+        fired = []
+        for phase in phases:  # the crossing is at sample 5 + phase
+            samples = [((5 + phase - k) * 2.0 * STEP, -2.0) for k in range(10)]
+            guards = answers(samples, Controller(lead=lead))['guard']
+            assert list(guards[guards > 0]) == [POSITION_ZERO]
+            fired.append(np.flatnonzero(guards)[0] - 5 - phase)
+        late[lead] = np.abs(fired)
+    assert (late[0.0].mean(), late[0.0].max()) == pytest.approx((0.5, 1.0), abs=0.01)
+    assert (late[0.5].mean(), late[0.5].max()) == pytest.approx((0.25, 0.5), abs=0.01)
+
+
+def test_with_lead_the_overshoot_behind_the_first_crossing_is_smaller():
+    def overshoot(lead):
+        return [-simulate(Axis(F_c=0.0, damping=Damping(value=value)), Controller(lead=lead),
+                          0.2).position.min() for value in np.linspace(0.15, 0.5, 40).tolist()]
+    assert np.median(overshoot(0.5)) < 0.75 * np.median(overshoot(0.0))
+
+
+def test_an_encoder_that_flickers_about_the_set_point_is_one_crossing():
+    flicker = [(2 * Q, -1.0), *[(0.0, -1.0), (Q, 1.0)] * 20]
+    assert np.count_nonzero(answers(flicker, WARY)['guard'] == POSITION_ZERO) == 20
+    wary = replace(WARY, position_hysteresis=1.5 * Q)
+    assert np.count_nonzero(answers(flicker, wary)['guard'] == POSITION_ZERO) == 1
+    armed_again = [*flicker, (2 * Q, -1.0), (-Q, -1.0)]
+    assert np.count_nonzero(answers(armed_again, wary)['guard'] == POSITION_ZERO) == 2
+
+
+def test_noise_at_the_edge_of_the_dead_band_is_one_arrival_at_zero():
+    noise = 5e-3 * np.random.default_rng(1).normal(size=500)
+    creep = [(0.1, 0.2), *[(0.1, 0.05 + deviation) for deviation in noise]]
+
+    def arrivals(hysteresis):
+        gains = replace(WARY, velocity_hysteresis=hysteresis, stick_samples=1000)
+        return np.count_nonzero(answers(creep, gains)['guard'] == VELOCITY_ZERO)
+    assert arrivals(0.0) > 100
+    assert arrivals(0.03) == 1
+
+
+@pytest.mark.parametrize('pause', [1, 2, 25])
+def test_a_standing_axis_has_one_impulse_in_so_many_samples(pause):
+    fired = np.flatnonzero(answers([(0.05, 0.0)] * 200, Controller(stick_samples=pause))['guard'])
+    assert fired[0] == 0  # the start is an arrival
+    assert (np.diff(fired) == pause).all()
+    assert len(fired) == -(-200 // pause)
+
+
+def test_a_set_point_ramp_at_rest_has_one_impulse_in_so_many_samples():
+    ramp = [(0.0, 0.0, 1e-4 * k) for k in range(400)]
+    fired = np.flatnonzero(answers(ramp, Controller(stick_samples=50))['guard'])
+    assert len(fired) > 5
+    assert np.diff(fired).min() >= 50
+
+
+def test_a_set_point_step_after_a_long_stand_acts_at_once():
+    told = answers([*[(0.0, 0.0, 0.0)] * 100, (0.0, 0.0, 0.3)], Controller(stick_samples=50))
+    assert list(np.flatnonzero(told['guard'])) == [100]
+    assert told['guard'][100] == VELOCITY_ZERO
+
+
+@pytest.mark.parametrize('lead', [0.0, 0.5])
+@pytest.mark.parametrize('hysteresis', [0.0, 1.5 * Q])
+def test_a_set_point_jump_in_motion_is_no_position_zero(lead, hysteresis):
+    gains = replace(WARY, lead=lead, position_hysteresis=hysteresis)
+    for jump in np.linspace(-0.3, 0.3, 13).tolist():
+        samples = [(0.25 - 4e-4 * k, -4.0, jump * (k >= 3)) for k in range(6)]
+        told = answers(samples, gains)['guard']
+        assert told[3] != POSITION_ZERO
+
+
+def test_behind_a_delay_one_impulse_is_not_given_again_before_it_acts():
+    axis = Axis(F_c=1.0, sensor=NOISY, actuator=Actuator(delay=10))
+    hasty, patient = (simulate(axis, replace(WARY, stick_samples=pause), 4.0)
+                      for pause in (1, 12))
+    alone = simulate(Axis(F_c=1.0, sensor=NOISY), WARY, 4.0)
+    assert np.abs(hasty.effort).max() > 5 * np.abs(alone.effort).max()
+    assert np.abs(patient.effort).max() < 1.01 * np.abs(alone.effort).max()
+    assert impulses_per_second(patient) == 0.0
+    assert farthest(patient) < 2.0
+
+
+# -- no velocity in the message ---------------------------------------------------------------
+
+def test_the_estimate_follows_a_steady_velocity_and_comes_to_rest_exactly():
+    ride = [(min(k, 500) * 1e-4 * 2.0, math.nan) for k in range(4000)]
+    velocity = answers(ride, Controller(impulses=False))['velocity']
+    assert velocity[0] == 0.0
+    assert velocity[500] == pytest.approx(2.0, rel=1e-6)
+    lag = 1.0 / (2 * math.pi * 50.0)
+    assert velocity[500 + round(lag / STEP)] == pytest.approx(2.0 / math.e, rel=0.01)
+    assert velocity[-1] == 0.0
+
+
+def test_the_estimate_knows_of_the_impulse_that_the_filter_has_not_seen():
+    run = simulate(Axis(F_c=0.0, sensor=Sensor(velocity='none')), Controller(), 0.1)
+    assert run.events['area'][0] == pytest.approx(-0.375)
+    assert run.velocity[1] == pytest.approx(-3.75, rel=2e-3)
+    told = answers([(0.5, math.nan), (0.4998, math.nan)], Controller())
+    assert told['velocity'][1] == pytest.approx(-3.75, rel=0.02)
+
+
+@pytest.mark.parametrize('F_c', [0.0, 0.05, 1.0])
+@pytest.mark.parametrize('damping', [0.15, 1.0])
+def test_from_positions_alone_the_axis_settles_within_two_steps_and_rests(F_c, damping):
+    # 4 pi 50 Hz Q = 0.096 m/s: twice what one step of the encoder makes of the estimate
+    gains = replace(WARY, velocity_deadband=0.12)
+    for x_0 in np.linspace(0.05, 0.6, 12).tolist():
+        run = simulate(Axis(F_c=F_c, x_0=x_0, damping=Damping(value=damping),
+                            sensor=Sensor(resolution=Q, velocity='none')), gains, 4.0)
+        assert impulses_per_second(run) == 0.0
+        assert farthest(run) < 2.0
+
+
+def test_a_dead_band_below_one_step_of_the_estimate_storms():
+    axis = Axis(F_c=0.0, sensor=Sensor(resolution=Q, velocity='none'))
+    run = simulate(axis, replace(WARY, velocity_deadband=0.04), 4.0)
+    assert impulses_per_second(run) > 100.0
