@@ -3,7 +3,7 @@ The replay node: the messages of a bag on the graph again, at the pace of their 
 
 It publishes raw bytes with the quality of service of the recorded publishers, and /clock from
 the same pace. It does not wait for subscribers: those that need the first message start before
-it is resumed (``--start-paused``).
+it is resumed (``--start-paused``), and the answer of ~/pause says how many it has.
 """
 
 import argparse
@@ -94,7 +94,9 @@ class Player(ParameterNode):
         self._origin, self._anchor = self._now(), monotonic()
         self._paused = request.data
         response.success = True
-        response.message = f'{"paused" if request.data else "playing"} at {self._origin} ns'
+        heard = sum(output.get_subscription_count() for output in self._outputs.values())
+        response.message = (f'{"paused" if request.data else "playing"} at '
+                            f'{self._origin / SECOND:.9f} s, subscribers: {heard}')
         return response
 
     def poll(self) -> float:

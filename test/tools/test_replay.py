@@ -214,8 +214,8 @@ def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, 
     clock = client.listen('/clock', Clock)
     player = graph.start('replay', bag, '--start-paused', '--rate', '0.02', '--ros-args', '-r',
                          '/joint_commands:=/moved/commands')
-    client.spin_until(lambda: client.node.count_publishers('/clock')
-                      and client.node.count_publishers('/moved/commands'), 'the player')
+    client.spin_until(lambda: client.call('/replay/pause', SetBool, data=True).message.endswith(
+        'at 1.000000000 s, subscribers: 2'), 'the subscribers')
     assert client.call('/replay/pause', SetBool, data=False).success
     client.spin_until(lambda: states, 'states')
     assert client.call('/replay/pause', SetBool, data=True).success
