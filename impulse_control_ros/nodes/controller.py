@@ -6,10 +6,17 @@ state that comes again is answered again with the same bytes, and leaves the mem
 state that goes back in time, or carries the mark of a start or a reset, clears the guard memory.
 The first state of a plant is held until the plant has told its parameters, if it has any: a
 controller for another time step or joint ends there.
+
+A plant that does not wait for commands (lockstep: false, or one that tells no such parameter)
+goes on with the last one, so it is commanded 0 N when its states stay away for state_timeout of
+wall time, and when the controller leaves. An effort that is not finite, or above effort_limit,
+never leaves: 0 N is sent in its place. All three clear the guard memory.
 """
 
 from collections.abc import Mapping
 import math
+import sys
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,7 +28,13 @@ from std_msgs.msg import Float64
 
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.design import Finding, findings, Level
-from impulse_control_ros.core.impulse import ANSWER, control, fresh_memory, GUARDS
+from impulse_control_ros.core.impulse import (
+    ANSWER,
+    control,
+    fresh_memory,
+    GUARDS,
+    NO_IMPULSE,
+)
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
@@ -60,7 +73,7 @@ class Controller(ParameterNode):
         self._event_layouts = {number: event_layout(joint, logger, guard)
                                for number, guard in enumerate(GUARDS) if guard}
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
-        self._packed = self.parameters.packed()
+        self._packed, self._largest = self.parameters.packed(), self._largest_effort()
         self._control = machine_code(
             control, fresh_memory(), self._packed, 0.0, 0.0, np.zeros(1, ANSWER))
         self._seen = b''
@@ -73,7 +86,9 @@ class Controller(ParameterNode):
         self._held = b''
         self._findings: list[Finding] = []
         self._axis: Axis | None = None
-        self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
+        self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0, 'withheld': 0}
+        self._runs_freely = False
+        self._heard, self._quiet_since, self._deserted = 0, 0.0, False
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
@@ -104,7 +119,7 @@ class Controller(ParameterNode):
         """Answer from now on the ``plant`` with these parameters, or raise `ParameterError`."""
         require_agreement(plant, axis, self.parameters.flat())
         self._axis = axis_of(axis)
-        self._plant_known = True
+        self._plant_known, self._runs_freely = True, not axis.get('lockstep', False)
         self.get_logger().info(f'answering {plant}')
         self._warn()
 
@@ -122,6 +137,7 @@ class Controller(ParameterNode):
         for plant in self._plant.silent:
             self.get_logger().warning(f'{plant} does not tell its parameters: joint and time step '
                                       'are taken to be ours')
+            self._runs_freely = True
         self._plant_known, self._plant = True, None
         self.on_state(self._held)
 
@@ -160,8 +176,11 @@ class Controller(ParameterNode):
 
     def parameters_changed(self) -> None:
         """Let the next sample be answered with the new gains."""
-        self._packed = self.parameters.packed()
+        self._packed, self._largest = self.parameters.packed(), self._largest_effort()
         self._warn()
+
+    def _largest_effort(self) -> float:
+        return self.parameters.effort_limit or sys.float_info.max
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
@@ -198,10 +217,9 @@ class Controller(ParameterNode):
         self._stamp, self._seen = (sec, nanosec), raw
         self._control(self._memory, self._packed, position, velocity, self._answer)
         effort, area, guard = self._answer.item()
-        if not math.isfinite(effort):
-            self.fail(ArithmeticError(f'the effort for position {position:g} m, velocity '
-                                      f'{velocity:g} m/s is {effort}; allowed is finite [N]'))
-            return
+        if not abs(effort) <= self._largest:  # nor is NaN
+            self._withhold(effort, position, velocity)
+            effort, guard = 0.0, NO_IMPULSE
         event = b''
         if guard:
             event = self._event_layouts[guard].encode(sec, nanosec, position, velocity, area)
@@ -219,6 +237,15 @@ class Controller(ParameterNode):
         self._commands.publish(command)
         self._counts['repeated'] += 1
 
+    def _withhold(self, effort: float, position: float, velocity: float) -> None:
+        """Account for an ``effort`` that is not sent."""
+        self._memory = fresh_memory()
+        self._counts['withheld'] += 1
+        self.get_logger().error(
+            f'0 N is sent: the effort for position {position:g} m, velocity {velocity:g} m/s is '
+            f'{effort:g}; allowed is [-{self._largest:g}, {self._largest:g}] [N]',
+            throttle_duration_sec=5.0)
+
     def _reject(self, what: str) -> None:
         self._counts['rejected'] += 1
         self.get_logger().error(f'rejected {what}', throttle_duration_sec=5.0)
@@ -228,19 +255,45 @@ class Controller(ParameterNode):
         return answered, answered * self.parameters.time_step
 
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        level = DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK
+        level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted
+                 else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
         return level, 'answering' if rate else 'waiting for states', {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:
-        """Meet the plant; nothing else is due by the wall clock."""
-        if not self._held or self._plant_known:
+        """Meet the plant, and look whether its states stay away."""
+        if self._held and not self._plant_known:
+            self._meet_plant()
+            return 0.02
+        timeout = self.parameters.state_timeout
+        if not (self._runs_freely and timeout):
             return IDLE
-        self._meet_plant()
-        return 0.02
+        self._watch_states(monotonic(), timeout)
+        return min(IDLE, timeout / 4)
+
+    def _watch_states(self, now: float, timeout: float) -> None:
+        """Command 0 N once the last answer is ``timeout`` old, and again as often."""
+        if self._heard != self._counts['answered']:
+            self._heard, self._quiet_since = self._counts['answered'], now
+            if self._deserted:
+                self.get_logger().info('states are back: answering again')
+            self._deserted = False
+        elif self._heard and now >= self._quiet_since + timeout:
+            self._quiet_since = now
+            self._command_zero()
+            if not self._deserted:
+                self.get_logger().error(f'no state for {timeout:g} s: 0 N is commanded')
+            self._deserted = True
+
+    def _command_zero(self) -> None:
+        """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
+        self._memory = fresh_memory()
+        self._commands.publish(self._command_layout.encode(0, 0, 0.0))
 
     def close(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Command 0 N where it would be held, and wait until what was sent has arrived."""
+        if self._runs_freely and self._stamp != NEVER:
+            self._command_zero()
         for publisher in (self._events, self._commands):
             publisher.wait_for_all_acked(Duration(seconds=1))
 

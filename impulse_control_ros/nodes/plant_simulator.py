@@ -4,7 +4,8 @@ The plant simulator node: the axis in simulated time, closed over topics.
 Lockstep (the default): state k is published, and sample k + 1 is made only after the command
 that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
 the next sample, in this order: the command, a pause, a recorder that is behind, and the real
-time factor. Free running: samples are made by the wall clock with the last command held.
+time factor. Free running: samples are made by the wall clock with the last command held; one of
+stamp 0 answers no state and acts at once.
 """
 
 import math
@@ -167,6 +168,8 @@ class PlantSimulator(ParameterNode):
             sec, nanosec, effort = values
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
+        elif (sec, nanosec) == (0, 0) and self.tick >= 0 and not self._lockstep:
+            self._effort = effort
         elif (sec, nanosec) > self._stamp:
             self._counts['foreign'] += 1
         elif (sec, nanosec) <= self._answered or (

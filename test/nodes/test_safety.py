@@ -1,0 +1,112 @@
+"""What the controller sends when it cannot know better: nothing but a finite effort, or zero."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+COARSE = ('--ros-args', '-p', 'time_step:=0.001')
+FREE = ('-p', 'lockstep:=false', '-p', 'real_time_factor:=0.1')
+
+
+def state(tick, position, velocity=0.0):
+    message = JointState(name=['axis'], position=[position], velocity=[velocity], effort=[0.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = 1, tick * 1_000_000
+    return message
+
+
+def stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+@pytest.fixture
+def hand_fed(graph, client):
+    """A controller whose plant is this test: returns what feeds it, and what it says."""
+    def start(*arguments):
+        process = graph.start('controller', *COARSE, *arguments)
+        publisher = client.node.create_publisher(JointState, '/joint_states', 10)
+        commands = client.listen('/joint_commands', JointState)
+        client.spin_until(lambda: publisher.get_subscription_count()
+                          and client.node.count_publishers('/joint_commands'), 'the controller')
+
+        def feed(message):
+            publisher.publish(message)
+            return client.spin_until(
+                lambda: [one for one in commands if stamp(one) == stamp(message)],
+                'the command')[0].effort[0]
+        return process, feed, commands
+    return start
+
+
+@pytest.mark.parametrize(('limit', 'position', 'velocity', 'said'), [
+    (0.0, 1e308, 0.0, '-inf'), (0.0, 1e308, -1e308, 'nan'), (20.0, 1e308, -1e308, 'nan')])
+def test_an_effort_that_is_not_finite_is_sent_as_zero_with_the_reason(
+        hand_fed, limit, position, velocity, said):
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.0', '-p', 'D:=10.0', '-p',
+                                       f'effort_limit:={limit}', '-p', 'impulses:=false')
+    assert feed(state(0, 0.5)) == -5.0
+    assert feed(state(1, position, velocity)) == 0.0
+    process.says(f'0 N is sent: the effort for position 1e+308 m, velocity {velocity:g} m/s is '
+                 f'{said}; allowed is [-')
+    assert feed(state(2, 0.25)) == -2.5
+    assert [one.effort[0] for one in commands] == [-5.0, 0.0, -2.5]
+    assert process.interrupt() == 0
+
+
+def test_states_that_stay_away_make_a_zero_command_and_their_return_ends_it(hand_fed, client):
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.05', '-p', 'effort_limit:=20.0')
+    assert feed(state(0, 0.5)) == -20.0  # an impulse, most of which is yet to leave
+    client.spin_until(lambda: any(one.effort[0] == 0.0 for one in commands), 'zero')
+    process.says('no state for 0.05 s: 0 N is commanded')
+    zeros = {(one.effort[0], stamp(one)) for one in commands if one.effort[0] == 0.0}
+    assert zeros == {(0.0, 0)}
+    assert feed(state(100, 0.5, -1.0)) == -4.5  # what was yet to leave is forgotten
+    process.says('states are back')
+    assert process.interrupt() == 0
+
+
+def test_a_free_plant_whose_states_no_longer_reach_the_controller_gets_zero(graph, client):
+    plant = graph.start('plant_simulator', *COARSE, *FREE, '-r', 'joint_states:=measured')
+    controller = graph.start('controller', *COARSE, '-p', 'state_timeout:=0.2')
+    states = client.listen('/measured', JointState)
+    relay = client.node.create_publisher(JointState, '/joint_states', 1000)
+
+    def relayed():
+        for one in states:
+            relay.publish(one)
+        moving = any(one.effort[0] for one in states)
+        states.clear()
+        return moving
+    client.spin_until(relayed, 'efforts')
+    client.spin_until(lambda: len(states) > 5 and all(
+        one.effort[0] == 0.0 for one in states[-5:]), 'zero efforts')
+    assert 'no state for 0.2 s' in controller.output
+    for process in (plant, controller):
+        assert process.interrupt() == 0
+
+
+def test_a_controller_that_leaves_a_free_plant_leaves_no_effort_behind(graph, client):
+    plant = graph.start('plant_simulator', *COARSE, *FREE)
+    controller = graph.start('controller', *COARSE)
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: any(one.effort[0] for one in states), 'efforts')
+    assert controller.interrupt() == 0
+    states.clear()
+    client.spin_until(lambda: len(states) > 5 and states[-1].effort[0] == 0.0, 'zero efforts')
+    plant.says('0 N is held')
+    assert plant.interrupt() == 0
+
+
+def test_a_plant_in_lockstep_that_is_paused_gets_no_zero_command(graph, client):
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'real_time_factor:=0.05')
+    controller = graph.start('controller', '--ros-args', '-p', 'state_timeout:=0.05')
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: len(states) > 10, 'states')
+    assert client.call('/plant_simulator/pause', SetBool, data=True).success
+    reports = client.listen('/diagnostics', DiagnosticArray)
+    client.spin_until(lambda: sum(one.status[0].name == '/controller' for one in reports) > 2,
+                      'two seconds of the controller')
+    assert 'no state for' not in controller.output
+    assert plant.interrupt() == 0
+    assert controller.interrupt() == 0
+    assert 'no state for' not in controller.output
