@@ -42,7 +42,8 @@ from impulse_control_ros.files.cdr import RESET_MARK
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.graph import plants, publishers
-from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
+from impulse_control_ros.nodes.managed import ManagedNode
+from impulse_control_ros.nodes.parameters import PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layout,
@@ -62,7 +63,7 @@ from impulse_control_ros.stop import StopRequest
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
 
-class Controller(ParameterNode):
+class Controller(ManagedNode):
     """Answers every joint state with the effort of the control law."""
 
     def __init__(self, **options: Any) -> None:
@@ -97,6 +98,8 @@ class Controller(ParameterNode):
         self.states = self.create_subscription(
             JointState, JOINT_STATES, self.on_state, SERIES_QOS, raw=True)
         Diagnostics(self, self._progress, self._report)
+        if self.parameters.managed:
+            self.manage()
         self._warn()
 
     def _warn(self) -> None:
@@ -172,6 +175,15 @@ class Controller(ParameterNode):
         answered = self._counts['answered'] - self._answered_before
         return self._lost_before + max(0, span // self._step_ns + 1 - answered)
 
+    def activated(self) -> None:
+        """Answer from now on, as at a start."""
+        self._lost_before, self._stamp = self._lost(), NEVER
+
+    def deactivated(self) -> None:
+        """Leave no effort behind."""
+        if self._runs_freely and self._stamp != NEVER:
+            self._command_zero()
+
     # -- the sample -------------------------------------------------------------------------
 
     def parameters_changed(self) -> None:
@@ -190,6 +202,8 @@ class Controller(ParameterNode):
 
     def on_state(self, raw: bytes) -> None:
         """Answer one joint state, given as CDR."""
+        if not self.active:
+            return
         if raw == self._seen:
             self._repeat()
             return
@@ -257,7 +271,8 @@ class Controller(ParameterNode):
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
         level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted
                  else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
-        return level, 'answering' if rate else 'waiting for states', {
+        return level, ('not active' if not self.active else 'answering' if rate
+                       else 'waiting for states'), {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:
@@ -266,7 +281,7 @@ class Controller(ParameterNode):
             self._meet_plant()
             return 0.02
         timeout = self.parameters.state_timeout
-        if not (self._runs_freely and timeout):
+        if not (self._runs_freely and timeout and self.active):
             return IDLE
         self._watch_states(monotonic(), timeout)
         return min(IDLE, timeout / 4)
@@ -291,9 +306,9 @@ class Controller(ParameterNode):
         self._commands.publish(self._command_layout.encode(0, 0, 0.0))
 
     def close(self) -> None:
-        """Command 0 N where it would be held, and wait until what was sent has arrived."""
-        if self._runs_freely and self._stamp != NEVER:
-            self._command_zero()
+        """Leave no effort behind, and wait until what was sent has arrived."""
+        if self.active:
+            self.deactivated()
         for publisher in (self._events, self._commands):
             publisher.wait_for_all_acked(Duration(seconds=1))
 

@@ -1,10 +1,17 @@
 """What the controller sends when it cannot know better: nothing but a finite effort, or zero."""
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
+from impulse_control_ros.files.recording import read
+from test.conftest import CONFIG
+
+UNDERDAMPED = CONFIG / 'underdamped.yaml'
 COARSE = ('--ros-args', '-p', 'time_step:=0.001')
 FREE = ('-p', 'lockstep:=false', '-p', 'real_time_factor:=0.1')
 
@@ -110,3 +117,59 @@ def test_a_plant_in_lockstep_that_is_paused_gets_no_zero_command(graph, client):
     assert plant.interrupt() == 0
     assert controller.interrupt() == 0
     assert 'no state for' not in controller.output
+
+
+def changed(client, transition):
+    """Ask the controller to change its state; returns the state it is in then."""
+    client.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
+    return client.call('/controller/get_state', GetState).current_state.label
+
+
+def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
+    bag = graph.folder / 'bag'
+    plant = graph.start('plant_simulator', config=UNDERDAMPED)
+    controller = graph.start('controller', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                             'managed:=true')
+    recorder = graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
+                           f'bag:={bag}')
+    states = client.listen('/joint_states', JointState)
+
+    plant.says('published again')
+    assert len({stamp(one) for one in states}) <= 1
+    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'unconfigured'
+    controller.says('no such change of state now')
+    assert changed(client, Transition.TRANSITION_CONFIGURE) == 'inactive'
+    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    client.spin_until(lambda: len(states) > 100, 'states')
+    assert changed(client, Transition.TRANSITION_DEACTIVATE) == 'inactive'
+    last = client.call('/plant_simulator/pause', SetBool, data=False).message
+    client.spin_until(lambda: plant.output.count('published again') > 1, 'an unanswered state')
+    assert client.call('/plant_simulator/pause', SetBool, data=False).message == last
+    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    assert plant.wait() == 0, plant.output
+    shut_down = client.node.create_client(ChangeState, '/controller/change_state')
+    client.spin_until(shut_down.service_is_ready, 'the service')
+    # not awaited: the node may have ended before the response is here
+    shut_down.call_async(ChangeState.Request(
+        transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)))
+    client.spin_until(lambda: not controller.running, 'the end of the controller')
+    assert controller.wait() == 0, controller.output
+    assert recorder.interrupt() == 0
+    run = read(bag)
+    assert np.array_equal(run.states['stamp'], run.commands['stamp'])
+    assert run.receipt['missing'] == '0'
+
+
+def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
+    plant = graph.start('plant_simulator', *COARSE, *FREE)
+    controller = graph.start('controller', *COARSE, '-p', 'managed:=true')
+    states = client.listen('/joint_states', JointState)
+    changed(client, Transition.TRANSITION_CONFIGURE)
+    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    client.spin_until(lambda: any(one.effort[0] for one in states), 'efforts')
+    assert changed(client, Transition.TRANSITION_DEACTIVATE) == 'inactive'
+    states.clear()
+    client.spin_until(lambda: len(states) > 5 and states[-1].effort[0] == 0.0, 'zero efforts')
+    for process in (plant, controller):
+        assert process.interrupt() == 0
+        assert 'Traceback' not in process.output
