@@ -1,9 +1,11 @@
 """Bytes that nobody meant: refused by name or read as what they are, and nothing else."""
 
+from io import BytesIO
 from pathlib import Path
 import struct
 
 from hypothesis import given, settings, strategies as st
+from mcap.writer import CompressionType, Writer
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from impulse_control_ros.files.cdr import FIELDS, JointStateLayout
 from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.recording import read, Recording
 from impulse_control_ros.files.timeline import stamp_of
-from test.files.test_bag import finished
+from test.files.test_bag import entries, finished
 
 LAYOUTS = [JointStateLayout('axis'), JointStateLayout('axis', 'reset'),
            JointStateLayout('axis', '', ('effort',)), JointStateLayout('', 'x', ())]
@@ -66,8 +68,27 @@ def test_every_message_comes_back_to_the_last_bit(sec, nanosec, values):
     assert LAYOUTS[0].fields == FIELDS
 
 
-@pytest.fixture(scope='module', params=['none', 'lz4', 'zstd'])
+def unchecked(chunked):
+    """Return a bag of another writer, without a checksum that would tell of a wrong byte."""
+    stream = BytesIO()
+    writer = Writer(stream, chunk_size=1024, use_chunking=chunked, enable_crcs=False,
+                    compression=CompressionType.NONE)
+    writer.start('ros2')
+    schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
+    channels = {number: writer.register_channel(name, 'cdr', schema) for number, name in (
+        (1, '/joint_states'), (2, '/impulse_events'), (3, '/joint_commands'))}
+    writer.add_metadata('parameters:/controller', {'K': '10.0', 'joint_name': '"axis"'})
+    writer.add_metadata('parameters:/controller:1500', {'K': '12.0'})
+    for stamp, number, raw in entries(20):
+        writer.add_message(channels[number], stamp, raw, stamp)
+    writer.finish()
+    return stream.getvalue()
+
+
+@pytest.fixture(scope='module', params=['none', 'zstd', 'chunks', 'plain'])
 def bag(request, tmp_path_factory):
+    if request.param in ('chunks', 'plain'):
+        return unchecked(request.param == 'chunks')
     folder = tmp_path_factory.mktemp('bags') / 'run'
     return (finished(folder, 60, request.param) / 'run_0.mcap').read_bytes()
 
