@@ -11,6 +11,9 @@ A plant that does not wait for commands (lockstep: false, or one that tells no s
 goes on with the last one, so it is commanded 0 N when its states stay away for state_timeout of
 wall time, and when the controller leaves. An effort that is not finite, or above effort_limit,
 never leaves: 0 N is sent in its place. All three clear the guard memory.
+
+A second controller of a plant in lockstep stands by: the plant goes on without its commands. It
+answers from the first state on that comes again, which nobody has answered.
 """
 
 from collections.abc import Mapping
@@ -60,6 +63,7 @@ from impulse_control_ros.nodes.topics import (
 )
 from impulse_control_ros.stop import StopRequest
 
+LOOK_PERIOD = 0.1
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
 
@@ -91,7 +95,10 @@ class Controller(ManagedNode):
         self._runs_freely = False
         self._heard, self._quiet_since, self._deserted = 0, 0.0, False
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
+        others = publishers(self, JOINT_COMMANDS).keys()
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
+        self._own = publishers(self, JOINT_COMMANDS).keys() - others
+        self._passed, self._look_at, self._stands_by = NEVER, 0.0, False
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_command = self._commands.handle.publish_raw
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
@@ -157,6 +164,8 @@ class Controller(ManagedNode):
                 f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
                 'is not answered', throttle_duration_sec=5.0)
             return False
+        if self._stamp == NEVER and self._another_answers((sec, nanosec)):
+            return False
         self._memory = fresh_memory()
         if self._stamp == NEVER:
             self._first, self._answered_before = (sec, nanosec), self._counts['answered']
@@ -166,6 +175,23 @@ class Controller(ManagedNode):
             self._lost_before = self._lost()
             self._stamp, self._plant_known = NEVER, False
         return self._plant_known
+
+    def _another_answers(self, stamp: tuple[int, int]) -> bool:
+        """Tell whether to pass this state by: there is another controller, and it did not stop."""
+        before, self._passed = self._passed, stamp
+        now = monotonic()
+        if stamp == before or self._runs_freely or not self._plant_known:
+            self._stands_by = False
+        elif now >= self._look_at:
+            self._look_at = now + LOOK_PERIOD
+            others = [name for number, name in publishers(self, JOINT_COMMANDS).items()
+                      if number not in self._own]
+            if others and not self._stands_by:
+                self.get_logger().warning(
+                    f'{" and ".join(others)} is another controller of {self.states.topic_name}: '
+                    'standing by')
+            self._stands_by = bool(others)
+        return self._stands_by
 
     def _lost(self) -> int:
         """Return the number of states that are missing between the first and the last."""
@@ -271,8 +297,8 @@ class Controller(ManagedNode):
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
         level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted
                  else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
-        return level, ('not active' if not self.active else 'answering' if rate
-                       else 'waiting for states'), {
+        return level, ('not active' if not self.active else 'standing by' if self._stands_by
+                       else 'answering' if rate else 'waiting for states'), {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:

@@ -332,14 +332,15 @@ class PlantSimulator(ParameterNode):
     def _troubles(self, rate: float) -> dict[str, str]:
         """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
         controllers, factor = self.commands.get_publisher_count(), rate * self.parameters.time_step
+        names = publishers(self, JOINT_COMMANDS).values() if controllers > 1 else ()
         accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
         wanted = self.parameters.real_time_factor
         return {name: text for name, is_so, text in (
             ('unheard', not self._lockstep and rate > 0 and self._accepted_before == accepted,
              f'no command for a second at {self.seconds()} s: {self._effort:g} N is held'),
             ('controllers', controllers > 1,
-             f'{controllers} controllers publish {self.commands.topic_name}: of the commands for '
-             'a state the first acts'),
+             f'{controllers} controllers publish {self.commands.topic_name}: of the commands of '
+             f'{" and ".join(names)} for a state the first acts'),
             ('slow', 0.0 < factor < 0.9 * wanted and monotonic() > self._moving_since + 2.0,
              f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}
 

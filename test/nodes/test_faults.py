@@ -8,6 +8,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
@@ -227,3 +228,20 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(r
     with Reader(running.bag) as reader:
         assert reader.message_count == int(run.receipt['messages'])
         assert reader.message_count == sum(1 for _ in reader.messages())
+
+
+@pytest.mark.parametrize('arguments', [('plant_simulator',), ('closed_loop', '--no-recorder')])
+def test_a_subscriber_that_gets_nothing_for_its_quality_of_service_is_reported(
+        graph, client, arguments):
+    process = graph.start(*arguments)
+    client.node.create_subscription(
+        JointState, '/joint_states', print,
+        QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    process.says("topic 'joint_states', requesting incompatible QoS")
+    assert 'DURABILITY' in process.output
+    publisher = client.node.create_publisher(
+        JointState, '/joint_commands',
+        QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    process.says("topic 'joint_commands', offering incompatible QoS")
+    publisher.publish(JointState(name=['axis'], effort=[1.0]))
+    assert process.interrupt() == 0
