@@ -192,31 +192,33 @@ class Faults:
         other.says('recording into')
         other.kill()
 
-    def reset(self, _):
-        self._client.call('/plant_simulator/reset', Trigger)
+    def reset(self, process):
+        reset = self._client.node.create_client(Trigger, '/plant_simulator/reset')
+        self._client.spin_until(lambda: not process.running or reset.service_is_ready(), 'reset')
+        reset.call_async(Trigger.Request())
 
 
-def long_run(graph, client, minutes, rng):
-    """Run so many simulated minutes with a fault in each; returns the count of each fault."""
+def long_run(graph, client, minutes, rng, seconds=60.0):
+    """Run so many simulated minutes, of ``seconds``, with a fault in each; returns their count."""
     bag = graph.folder / 'long'
     clock = client.listen('/clock', Clock)
     process = graph.start(
         'closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p', f'recorder:bag:={bag}',
-        '-p', f'plant_simulator:duration:={60.0 * minutes}', '-p',
-        'plant_simulator:clock_rate:=1.0')
+        '-p', f'plant_simulator:duration:={seconds * minutes}', '-p',
+        'plant_simulator:clock_rate:=10.0')
     client.spin_until(lambda: clock, 'the run')  # which waits for what we publish to leave
     faults, done = Faults(graph, client, rng), Counter()
     for minute in range(minutes):
-        at = 1 + 60 * minute + rng.uniform(1.0, 50.0)
+        at = 1.0 + seconds * (minute + rng.uniform(0.0, 0.8))
         client.spin_until(lambda at=at: not process.running or (
-            clock and clock[-1].clock.sec >= at), f'{at} s')
+            clock and clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec >= at), f'{at} s')
         del clock[:-1]
         fault = faults.kinds[minute % len(faults.kinds)]
         fault(process)
         done[fault.__name__] += 1
     client.spin_until(lambda: not process.running, 'the end')
     assert process.wait() == 0, process.output
-    assert_no_sample_is_lost(bag, 600_000 * minutes)
+    assert_no_sample_is_lost(bag, round(seconds * minutes / 1e-4))
     print(process.output, f'faults: {dict(done)}', sep='\n')
     return done
 
