@@ -1,5 +1,7 @@
 """What the controller sends when it cannot know better: nothing but a finite effort, or zero."""
 
+import math
+
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -41,6 +43,7 @@ def hand_fed(graph, client):
             return client.spin_until(
                 lambda: [one for one in commands if stamp(one) == stamp(message)],
                 'the command')[0].effort[0]
+        feed.publisher = publisher
         return process, feed, commands
     return start
 
@@ -173,3 +176,57 @@ def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
     for process in (plant, controller):
         assert process.interrupt() == 0
         assert 'Traceback' not in process.output
+
+
+BROKEN = {
+    'position nan': ({'position': [math.nan], 'velocity': [0.0]}, 'position nan'),
+    'velocity inf': ({'position': [0.0], 'velocity': [math.inf]}, 'velocity inf'),
+    'empty': ({}, "without position of joint 'axis'"),
+    'short': ({'name': ['elbow', 'axis'], 'position': [1.0], 'velocity': [1.0, 2.0]},
+              "without position of joint 'axis'"),
+    'no velocity': ({'position': [1.0]}, "without velocity of joint 'axis'"),
+    'wrong joint': ({'name': ['elbow'], 'position': [1.0], 'velocity': [0.0]},
+                    "without joint 'axis'"),
+    'no joint': ({'name': [], 'position': [1.0], 'velocity': [0.0]}, "without joint 'axis'"),
+    'garbage': (b'\x00\x01\x00\x00' + b'\xff' * 60, 'that cannot be decoded'),
+}
+
+
+@pytest.mark.parametrize('kind', BROKEN)
+def test_a_broken_state_is_rejected_with_the_reason_and_the_next_is_answered(hand_fed, kind):
+    fields, said = BROKEN[kind]
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.0', '-p', 'impulses:=false')
+    assert feed(state(0, 0.5)) == -5.0
+    broken = state(1, 0.0)
+    if isinstance(fields, bytes):
+        broken = fields
+    else:
+        broken.position, broken.velocity, broken.effort = [], [], []
+        for name, value in fields.items():
+            setattr(broken, name, value)
+    feed.publisher.publish(broken)
+    process.says('rejected a state ')
+    process.says(said)
+    assert feed(state(2, 0.25)) == -2.5
+    assert len(commands) == 2
+    assert process.interrupt() == 0
+
+
+def test_an_oversized_state_of_many_joints_is_answered_for_ours(hand_fed):
+    process, feed, _ = hand_fed('-p', 'state_timeout:=0.0', '-p', 'impulses:=false')
+    big = state(0, 0.0)
+    big.name = [f'joint_{number}' for number in range(10_000)] + ['axis']
+    big.position, big.velocity = [9.0] * 10_000 + [0.5], [9.0] * 10_000 + [1.0]
+    big.effort = []
+    assert feed(big) == -5.5
+    assert process.interrupt() == 0
+
+
+def test_a_clock_that_goes_back_starts_the_law_afresh(hand_fed):
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.0', '-p', 'impulses:=false')
+    assert feed(state(5, 0.5)) == -5.0
+    assert feed(state(2, 0.25)) == -2.5
+    process.says('joint_states went from 1.005000000 s to 1.002000000 s: started afresh')
+    assert feed(state(3, 0.125)) == -1.25
+    assert len(commands) == 3
+    assert process.interrupt() == 0
