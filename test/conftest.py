@@ -6,6 +6,7 @@ import ctypes
 import itertools
 import os
 from pathlib import Path
+import resource
 import signal
 import socket
 import subprocess
@@ -75,6 +76,10 @@ class Process:
 
     def send(self, number: signal.Signals) -> None:
         self._popen.send_signal(number)
+
+    def limit_files(self, size: int) -> None:
+        """Let it write no file beyond ``size`` bytes, as on a full disk."""
+        resource.prlimit(self._popen.pid, resource.RLIMIT_FSIZE, (size, size))
 
     def wait(self) -> int:
         """Return the exit status."""

@@ -3,10 +3,11 @@ Bags: a rosbag2 folder, ``NAME/NAME_0.mcap`` and ``NAME/metadata.yaml``.
 
 Written as rosbag2 of Jazzy does (profile ros2, schemas ros2msg, CDR, metadata version 9), with
 log time = publish time = the stamp of the message. A chunk is handed to the operating system as
-soon as it is full, so a recorder that is killed loses no more than its last chunk.
+soon as it is full, so a recorder that is killed loses no more than its last chunk. When the disk
+is full, chunks are given up, the last first, until what is left can be finished.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -54,55 +55,84 @@ class BagWriter:
     """
     A bag under construction; `close` finishes it, once.
 
-    All raise `BagError` that names the file, as when the folder exists or the disk is full.
+    ``full`` is why something could not be written: from then on nothing more is. All raise
+    `BagError` that names the file, as when the folder exists.
     """
 
     def __init__(self, folder: str | Path, compression: str = 'none') -> None:
         self.folder = Path(folder)
+        self.full: OSError | None = None
         make(self.folder)
         self._path = storage_path(self.folder)
-        self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
         self._topics: list[Topic] = []
         self._schemas: dict[str, int] = {}
-        self._add_bag_metadata()
+        with naming(self._path):
+            self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
+        self._if_it_fits(self._add_bag_metadata)
 
     def add_topic(self, topic: Topic) -> int:
         """Register a topic; returns the channel for `write`."""
+        try:
+            definition = message_definition(topic.type)
+        except FileNotFoundError as error:
+            raise BagError(f'topic {topic.name!r} cannot be recorded: {error}') from None
+        self._if_it_fits(lambda: self._register(topic, definition))
+        return len(self._topics)
+
+    def _register(self, topic: Topic, definition: str) -> None:
         if topic.type not in self._schemas:
-            try:
-                definition = message_definition(topic.type)
-            except FileNotFoundError as error:
-                raise BagError(f'topic {topic.name!r} cannot be recorded: {error}') from None
             self._schemas[topic.type] = self._file.add_schema(topic.type, definition)
-        self._topics.append(topic)
-        return self._file.add_channel(
+        self._file.add_channel(
             topic.name, self._schemas[topic.type],
             {'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
              'topic_type_hash': type_hash(topic.type)})
+        self._topics.append(topic)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Store a named record of strings."""
-        with naming(self._path):
-            self._file.add_metadata(name, values)
+        self._if_it_fits(lambda: self._file.add_metadata(name, values))
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
         """Append messages, see `McapFile.write`."""
-        with naming(self._path):
-            self._file.write(messages)
+        self._if_it_fits(lambda: self._file.write(messages))
+
+    def _if_it_fits(self, write: Callable[[], None]) -> None:
+        if self.full:
+            return
+        try:
+            write()
+        except OSError as error:
+            self.full = error
+            self._file.cut_back()
 
     @property
     def count(self) -> int:
         """Messages written so far."""
         return sum(self._file.counts.values())
 
-    def close(self) -> None:
-        """Finish the file and write metadata.yaml."""
+    def close(self, receipt: Mapping[str, str] | None = None) -> None:
+        """Finish the file, with a ``receipt`` of the recording, and write metadata.yaml."""
+        self._if_it_fits(self._file.end_chunk)
         with naming(self._path):
-            self._file.end_chunk()
-            self._add_bag_metadata()
-            self._file.close()
+            while True:
+                try:
+                    self._finish(receipt)
+                    return
+                except OSError as error:
+                    self.full = self.full or error
+                    if not self._file.cut_back():
+                        self._file.close()
+                        raise
+
+    def _finish(self, receipt: Mapping[str, str] | None) -> None:
+        if receipt is not None:
+            why = {'full': os.strerror(self.full.errno or 0)} if self.full else {}
+            self._file.add_metadata('recording', {'messages': str(self.count), **receipt, **why})
+        self._add_bag_metadata()
+        self._file.finish()
         (self.folder / 'metadata.yaml').write_text(to_yaml(
             {'rosbag2_bagfile_information': self._information()}))
+        self._file.close()
 
     def _add_bag_metadata(self) -> None:
         self._file.add_metadata('rosbag2', {

@@ -80,6 +80,12 @@ class ControllerParameters(Controller):
     """Parameters of the node ``controller``."""
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
+    state_timeout: float = parameter(
+        0.5, 's', 'wall time without a state after which a plant that runs freely is commanded '
+        '0 N; 0 for never', lower=0.0, upper=3600.0)
+    managed: bool = parameter(
+        False, '', 'whether it is a lifecycle node, which commands nothing until it is activated',
+        read_only=True)
 
 
 @dataclass(frozen=True, kw_only=True)

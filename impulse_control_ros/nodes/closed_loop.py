@@ -75,19 +75,18 @@ class ClosedLoop:
         return self._plant.tick > began
 
     def _run_burst(self) -> bool:
-        """Run up to BURST samples; returns whether all were made."""
+        """Take up to BURST messages from each end; returns False once none waits."""
         plant, controller = self._plant, self._controller
         take_state = controller.states.handle.take_message
         take_command = plant.commands.handle.take_message
         for _ in range(BURST):
-            tick = plant.tick
-            taken = take_state(JointState, True)
-            if taken:
-                controller.on_state(taken[0])
-            taken = take_command(JointState, True)
-            if taken:
-                plant.on_command(taken[0])
-            if plant.tick == tick:
+            state = take_state(JointState, True)
+            if state:
+                controller.on_state(state[0])
+            command = take_command(JointState, True)
+            if command:
+                plant.on_command(command[0])
+            if not (state or command):
                 return False
         return True
 

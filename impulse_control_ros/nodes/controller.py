@@ -6,10 +6,20 @@ state that comes again is answered again with the same bytes, and leaves the mem
 state that goes back in time, or carries the mark of a start or a reset, clears the guard memory.
 The first state of a plant is held until the plant has told its parameters, if it has any: a
 controller for another time step or joint ends there.
+
+A plant that does not wait for commands (lockstep: false, or one that tells no such parameter)
+goes on with the last one, so it is commanded 0 N when its states stay away for state_timeout of
+wall time, and when the controller leaves. An effort that is not finite, or above effort_limit,
+never leaves: 0 N is sent in its place. All three clear the guard memory.
+
+A second controller of a plant in lockstep stands by: the plant goes on without its commands. It
+answers from the first state on that comes again, which nobody has answered.
 """
 
 from collections.abc import Mapping
 import math
+import sys
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,7 +32,7 @@ from std_msgs.msg import Float64
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.design import Finding, findings, Level
-from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS
+from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS, NO_IMPULSE
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
@@ -30,7 +40,8 @@ from impulse_control_ros.files.cdr import RESET_MARK, WITHOUT_VELOCITY
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.graph import plants, publishers
-from impulse_control_ros.nodes.parameters import ParameterNode, PeerParameters
+from impulse_control_ros.nodes.managed import ManagedNode
+from impulse_control_ros.nodes.parameters import PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layout,
@@ -47,10 +58,11 @@ from impulse_control_ros.nodes.topics import (
 )
 from impulse_control_ros.stop import StopRequest
 
+LOOK_PERIOD = 0.1
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
 
-class Controller(ParameterNode):
+class Controller(ManagedNode):
     """Answers every joint state with the effort of the control law."""
 
     def __init__(self, **options: Any) -> None:
@@ -77,15 +89,22 @@ class Controller(ParameterNode):
         self._held = b''
         self._findings: list[Finding] = []
         self._axis: Axis | None = None
-        self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0}
+        self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0, 'withheld': 0}
+        self._runs_freely = False
+        self._heard, self._quiet_since, self._deserted = 0, 0.0, False
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
+        others = publishers(self, JOINT_COMMANDS).keys()
         self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
+        self._own = publishers(self, JOINT_COMMANDS).keys() - others
+        self._passed, self._look_at, self._stands_by = NEVER, 0.0, False
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_command = self._commands.handle.publish_raw
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         self.states = self.create_subscription(
             JointState, JOINT_STATES, self.on_state, SERIES_QOS, raw=True)
         Diagnostics(self, self._progress, self._report)
+        if self.parameters.managed:
+            self.manage()
         self._warn()
 
     def _warn(self) -> None:
@@ -108,7 +127,7 @@ class Controller(ParameterNode):
         """Answer from now on the ``plant`` with these parameters, or raise `ParameterError`."""
         require_agreement(plant, axis, self.parameters.flat())
         self._axis = axis_of(axis)
-        self._plant_known = True
+        self._plant_known, self._runs_freely = True, not axis.get('lockstep', False)
         self.get_logger().info(f'answering {plant}')
         self._warn()
 
@@ -126,6 +145,7 @@ class Controller(ParameterNode):
         for plant in self._plant.silent:
             self.get_logger().warning(f'{plant} does not tell its parameters: joint and time step '
                                       'are taken to be ours')
+            self._runs_freely = True
         self._plant_known, self._plant = True, None
         self.on_state(self._held)
 
@@ -142,6 +162,8 @@ class Controller(ParameterNode):
                 f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
                 'is not answered', throttle_duration_sec=5.0)
             return False
+        if self._stamp == NEVER and self._another_answers((sec, nanosec)):
+            return False
         self._memory, self._watch = fresh_memory(), fresh_watch()
         if self._stamp == NEVER:
             self._first, self._answered_before = (sec, nanosec), self._counts['answered']
@@ -152,6 +174,23 @@ class Controller(ParameterNode):
             self._stamp, self._plant_known = NEVER, False
         return self._plant_known
 
+    def _another_answers(self, stamp: tuple[int, int]) -> bool:
+        """Tell whether to pass this state by: there is another controller, and it did not stop."""
+        before, self._passed = self._passed, stamp
+        now = monotonic()
+        if stamp == before or self._runs_freely or not self._plant_known:
+            self._stands_by = False
+        elif now >= self._look_at:
+            self._look_at = now + LOOK_PERIOD
+            others = [name for number, name in publishers(self, JOINT_COMMANDS).items()
+                      if number not in self._own]
+            if others and not self._stands_by:
+                self.get_logger().warning(
+                    f'{" and ".join(others)} is another controller of {self.states.topic_name}: '
+                    'standing by')
+            self._stands_by = bool(others)
+        return self._stands_by
+
     def _lost(self) -> int:
         """Return the number of states that are missing between the first and the last."""
         if self._stamp == NEVER:
@@ -159,6 +198,15 @@ class Controller(ParameterNode):
         span = (self._stamp[0] - self._first[0]) * SECOND + self._stamp[1] - self._first[1]
         answered = self._counts['answered'] - self._answered_before
         return self._lost_before + max(0, span // self._step_ns + 1 - answered)
+
+    def activated(self) -> None:
+        """Answer from now on, as at a start."""
+        self._lost_before, self._stamp = self._lost(), NEVER
+
+    def deactivated(self) -> None:
+        """Leave no effort behind."""
+        if self._runs_freely and self._stamp != NEVER:
+            self._command_zero()
 
     # -- the sample -------------------------------------------------------------------------
 
@@ -170,6 +218,7 @@ class Controller(ParameterNode):
     def _pack(self) -> None:
         self._packed = self.parameters.packed()
         self._care = packed_care(self.parameters.flat(), 1)
+        self._largest = self.parameters.effort_limit or sys.float_info.max
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
@@ -179,6 +228,8 @@ class Controller(ParameterNode):
 
     def on_state(self, raw: bytes) -> None:
         """Answer one joint state, given as CDR."""
+        if not self.active:
+            return
         if raw == self._seen:
             self._repeat()
             return
@@ -202,10 +253,9 @@ class Controller(ParameterNode):
         self._control(self._memory, self._watch, self._packed, self._care, position, velocity,
                       self._answer)
         effort, area, guard, velocity = self._answer.item()
-        if not math.isfinite(effort):
-            self.fail(ArithmeticError(f'the effort for position {position:g} m, velocity '
-                                      f'{velocity:g} m/s is {effort}; allowed is finite [N]'))
-            return
+        if not abs(effort) <= self._largest:  # nor is NaN
+            self._withhold(effort, position, velocity)
+            effort, guard = 0.0, NO_IMPULSE
         event = b''
         if guard:
             event = self._event_layouts[guard].encode(sec, nanosec, position, velocity, area)
@@ -237,6 +287,15 @@ class Controller(ParameterNode):
         self._commands.publish(command)
         self._counts['repeated'] += 1
 
+    def _withhold(self, effort: float, position: float, velocity: float) -> None:
+        """Account for an ``effort`` that is not sent."""
+        self._memory, self._watch = fresh_memory(), fresh_watch()
+        self._counts['withheld'] += 1
+        self.get_logger().error(
+            f'0 N is sent: the effort for position {position:g} m, velocity {velocity:g} m/s is '
+            f'{effort:g}; allowed is [-{self._largest:g}, {self._largest:g}] [N]',
+            throttle_duration_sec=5.0)
+
     def _reject(self, what: str) -> None:
         self._counts['rejected'] += 1
         self.get_logger().error(f'rejected {what}', throttle_duration_sec=5.0)
@@ -246,19 +305,46 @@ class Controller(ParameterNode):
         return answered, answered * self.parameters.time_step
 
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        level = DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK
-        return level, 'answering' if rate else 'waiting for states', {
+        level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted
+                 else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
+        return level, ('not active' if not self.active else 'standing by' if self._stands_by
+                       else 'answering' if rate else 'waiting for states'), {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:
-        """Meet the plant; nothing else is due by the wall clock."""
-        if not self._held or self._plant_known:
+        """Meet the plant, and look whether its states stay away."""
+        if self._held and not self._plant_known:
+            self._meet_plant()
+            return 0.02
+        timeout = self.parameters.state_timeout
+        if not (self._runs_freely and timeout and self.active):
             return IDLE
-        self._meet_plant()
-        return 0.02
+        self._watch_states(monotonic(), timeout)
+        return min(IDLE, timeout / 4)
+
+    def _watch_states(self, now: float, timeout: float) -> None:
+        """Command 0 N once the last answer is ``timeout`` old, and again as often."""
+        if self._heard != self._counts['answered']:
+            self._heard, self._quiet_since = self._counts['answered'], now
+            if self._deserted:
+                self.get_logger().info('states are back: answering again')
+            self._deserted = False
+        elif self._heard and now >= self._quiet_since + timeout:
+            self._quiet_since = now
+            self._command_zero()
+            if not self._deserted:
+                self.get_logger().error(f'no state for {timeout:g} s: 0 N is commanded')
+            self._deserted = True
+
+    def _command_zero(self) -> None:
+        """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
+        self._memory = fresh_memory()
+        self._commands.publish(self._command_layout.encode(0, 0, 0.0))
 
     def close(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Leave no effort behind, and wait until what was sent has arrived."""
+        if self.active:
+            self.deactivated()
         for publisher in (self._events, self._commands):
             publisher.wait_for_all_acked(Duration(seconds=1))
 

@@ -6,8 +6,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from impulse_control_ros.nodes.graph import plants
+from impulse_control_ros.nodes.graph import plants, publishers
 from impulse_control_ros.nodes.recorders import Recorders
+from impulse_control_ros.nodes.topics import JOINT_COMMANDS
 
 FIRST_REPORT, REPORT = 2.0, 20.0
 SETTLE = 0.5  # a controller may be discovered before another plant is
@@ -48,8 +49,9 @@ class Meeting:
         if not (self._states.get_subscription_count() and controllers):
             missing.append('a controller')
         if controllers > 1:
+            names = publishers(self._node, JOINT_COMMANDS).values()
             missing.append(f'all but one of {controllers} controllers to leave '
-                           f'{self._commands.topic_name}')
+                           f'{self._commands.topic_name} ({", ".join(names)})')
         if recorder_wanted and not self._recorders:
             missing.append('a recorder')
         if self._another_plant(now):

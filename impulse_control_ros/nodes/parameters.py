@@ -178,7 +178,7 @@ class PeerParameters:
     def __init__(self, node: Node) -> None:
         self.values: dict[str, dict[str, Any]] = {}
         self.silent: list[str] = []
-        self._node, self._until = node, 0.0
+        self._node, self._until, self._over = node, 0.0, False
         self._clients: dict[str, tuple[Client, Client]] = {}
         self._ask_at: dict[str, float] = {}
 
@@ -201,6 +201,7 @@ class PeerParameters:
             return False
         for client in chain.from_iterable(self._clients.values()):
             self._node.destroy_client(client)
+        self._over = True
         return True
 
     def _client_pair(self, peer: str) -> tuple[Client, Client]:
@@ -208,6 +209,8 @@ class PeerParameters:
                 self._node.create_client(GetParameters, f'{peer}/get_parameters'))
 
     def _on_names(self, peer: str, future: Future) -> None:
+        if self._over:  # the answer was on its way when the clients were destroyed
+            return
         names = list(future.result().result.names)
         self._clients[peer][1].call_async(GetParameters.Request(names=names)).add_done_callback(
             partial(self._on_values, peer, names))

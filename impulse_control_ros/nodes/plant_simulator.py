@@ -4,7 +4,8 @@ The plant simulator node: the axis in simulated time, closed over topics.
 Lockstep (the default): state k is published, and sample k + 1 is made only after the command
 that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
 the next sample, in this order: the command, a pause, a recorder that is behind, and the real
-time factor. Free running: samples are made by the wall clock with the last command held.
+time factor. Free running: samples are made by the wall clock with the last command held; one of
+stamp 0 answers no state and acts at once.
 """
 
 import math
@@ -174,6 +175,8 @@ class PlantSimulator(ParameterNode):
             sec, nanosec, effort = values
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
+        elif (sec, nanosec) == (0, 0) and self.tick >= 0 and not self._lockstep:
+            self._effort = effort
         elif (sec, nanosec) > self._stamp:
             self._counts['foreign'] += 1
         elif (sec, nanosec) <= self._answered or (
@@ -336,14 +339,15 @@ class PlantSimulator(ParameterNode):
     def _troubles(self, rate: float) -> dict[str, str]:
         """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
         controllers, factor = self.commands.get_publisher_count(), rate * self.parameters.time_step
+        names = publishers(self, JOINT_COMMANDS).values() if controllers > 1 else ()
         accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
         wanted = self.parameters.real_time_factor
         return {name: text for name, is_so, text in (
             ('unheard', not self._lockstep and rate > 0 and self._accepted_before == accepted,
              f'no command for a second at {self.seconds()} s: {self._effort:g} N is held'),
             ('controllers', controllers > 1,
-             f'{controllers} controllers publish {self.commands.topic_name}: of the commands for '
-             'a state the first acts'),
+             f'{controllers} controllers publish {self.commands.topic_name}: of the commands of '
+             f'{" and ".join(names)} for a state the first acts'),
             ('slow', 0.0 < factor < 0.9 * wanted and monotonic() > self._moving_since + 2.0,
              f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}
 

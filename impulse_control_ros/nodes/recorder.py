@@ -41,6 +41,7 @@ from impulse_control_ros.files.bag import (
     ROLES,
     Topic,
 )
+from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.timeline import Taken, Timeline
 from impulse_control_ros.nodes.diagnostics import Diagnostics
@@ -243,14 +244,16 @@ class Recorder(ParameterNode):
     def _finish(self) -> None:
         """Finish the bag, and say what is in it."""
         assert self.bag
-        count, missing = self.bag.count, self._timeline.missing
-        self.bag.add_metadata('recording', {
-            'messages': str(count), 'missing': str(missing),
+        missing = self._timeline.missing
+        self.bag.close({
+            'missing': str(missing),
             'repeated': str(self._timeline.repeated), 'foreign': str(self._timeline.foreign),
             'wall_seconds': f'{self._last_at - self._first_at:.6f}'})
-        self.bag.close()
-        self.get_logger().info(f'{self.bag.folder}: {count} messages written, {missing} missing, '
-                               f'{self._timeline.repeated} repeats dropped')
+        if self.bag.full:
+            self.fail(BagError(f'{self.bag.folder}: {self.bag.full.strerror}: recording ends; the '
+                               f'bag is finished with its first {self.bag.count} messages'))
+        self.get_logger().info(f'{self.bag.folder}: {self.bag.count} messages written, {missing} '
+                               f'missing, {self._timeline.repeated} repeats dropped')
         self.bag = None
 
     def _in_flight(self) -> bool:
@@ -269,7 +272,7 @@ class Recorder(ParameterNode):
         self._ask_peers()
         if not self.bag:
             return BATCH_PERIOD
-        if not self._drain():
+        if not self._drain() or self.bag.full:
             self._finish()
         else:
             self._tell_progress()

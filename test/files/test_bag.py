@@ -1,7 +1,9 @@
 """Bags, read back by independent readers, finished or cut off."""
 
+from contextlib import contextmanager
 import itertools
 from pathlib import Path
+import resource
 
 from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
@@ -178,6 +180,53 @@ def test_a_topic_of_an_unknown_type_is_refused_by_name(tmp_path):
     with pytest.raises(BagError, match='/thing.*no_msgs/msg/Thing'):
         writer.add_topic(topic('/thing', 'no_msgs/msg/Thing'))
     writer.close()
+
+
+@contextmanager
+def room_for(size):
+    """Let no file grow beyond ``size`` bytes meanwhile, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+WHOLE = 3_100_000  # about the size of 12,000 entries
+
+
+@settings(max_examples=25, deadline=None)
+@given(size=st.one_of(st.integers(20_000, WHOLE), st.integers(-50, 50).map(
+    lambda more: 2 * (CHUNK_SIZE + 200_000) + more)), compression=st.sampled_from(['none', 'lz4']))
+def test_a_bag_that_does_not_fit_is_finished_with_the_messages_that_do(
+        tmp_path_factory, size, compression):
+    folder = Path(tmp_path_factory.mktemp('full'), 'run')
+    with room_for(size):
+        writer = begun(folder, 12_000, compression)
+        writer.write(entries(100))
+        writer.add_metadata('more', {'a': 'b'})
+        writer.close({'missing': '0'})
+    content = yaml.safe_load((folder / 'metadata.yaml').read_text())
+    with (folder / 'run_0.mcap').open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        statistics = reader.get_summary().statistics
+        got = [(message.publish_time, channel.id, message.data)
+               for _, channel, message in reader.iter_messages(log_time_order=False)]
+    given_messages = [*entries(12_000), *entries(100)]
+    assert got == given_messages[:len(got)]
+    assert len(got) == statistics.message_count == content[
+        'rosbag2_bagfile_information']['message_count']
+    receipt = read(folder).receipt
+    assert receipt['messages'] == str(len(got))
+    assert (receipt.get('full') == 'File too large') == (len(got) < len(given_messages))
+    assert (folder / 'run_0.mcap').stat().st_size > size - 1.2 * CHUNK_SIZE - 200_000 or (
+        len(got) == len(given_messages))
+
+
+def test_a_bag_without_room_for_its_frame_is_refused_by_name(tmp_path):
+    with room_for(1000), pytest.raises(BagError, match='run_0.mcap: .*File too large'):
+        begun(tmp_path / 'run', 10).close()
 
 
 @pytest.fixture(scope='module')

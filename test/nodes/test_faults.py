@@ -8,6 +8,8 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.simulate import simulate
@@ -208,3 +210,38 @@ def test_a_late_recorder_joins_and_misses_nothing_from_then_on(graph, client):
     assert run.receipt['missing'] == '0'
     assert run.states['stamp'][-1] == 3_000_000_000
     assert run.commands['stamp'][-1] == 3_000_000_000
+
+
+def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(running):
+    running.reach(0.05)
+    running.recorder.limit_files(400_000)
+    assert running.recorder.wait() == 1
+    said = f'{running.bag}: File too large: recording ends; the bag is finished with its first '
+    assert said in running.recorder.output
+    assert 'Traceback' not in running.recorder.output
+    assert running.plant.wait() == 0, running.plant.output
+    assert running.controller.interrupt() == 0
+    run = read(running.bag)
+    assert run.receipt['full'] == 'File too large'
+    assert np.array_equal(run.states['stamp'], STAMPS[:len(run.states)])
+    assert len(run.states) > 1_000
+    with Reader(running.bag) as reader:
+        assert reader.message_count == int(run.receipt['messages'])
+        assert reader.message_count == sum(1 for _ in reader.messages())
+
+
+@pytest.mark.parametrize('arguments', [('plant_simulator',), ('closed_loop', '--no-recorder')])
+def test_a_subscriber_that_gets_nothing_for_its_quality_of_service_is_reported(
+        graph, client, arguments):
+    process = graph.start(*arguments)
+    client.node.create_subscription(
+        JointState, '/joint_states', print,
+        QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    process.says("topic 'joint_states', requesting incompatible QoS")
+    assert 'DURABILITY' in process.output
+    publisher = client.node.create_publisher(
+        JointState, '/joint_commands',
+        QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    process.says("topic 'joint_commands', offering incompatible QoS")
+    publisher.publish(JointState(name=['axis'], effort=[1.0]))
+    assert process.interrupt() == 0

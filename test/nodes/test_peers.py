@@ -185,18 +185,38 @@ def test_of_two_plants_that_wait_for_a_controller_one_goes_first(graph):
     assert controller.interrupt() == 0
 
 
-def test_a_second_controller_is_named_before_the_run_and_in_it(graph, client):
-    late = graph.start('plant_simulator', '--ros-args', '-p', 'real_time_factor:=0.05')
+def test_a_second_controller_is_named_before_the_run(graph):
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.01')
     first, second = graph.start('controller'), graph.start('controller', '--ros-args', '-r',
                                                            '__node:=other')
-    late.says('waiting for all but one of 2 controllers to leave /joint_commands')
+    plant.says('waiting for all but one of 2 controllers to leave /joint_commands (/')
+    assert '/other' in plant.output
+    assert '/controller' in plant.output
     assert second.interrupt() == 0
+    assert plant.wait() == 0
+    assert first.interrupt() == 0
+
+
+def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(graph, client):
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.5', '-p',
+                        'real_time_factor:=0.05')
+    commands = client.listen('/joint_commands', JointState)
+    first = graph.start('controller', '--ros-args', '-p', 'impulses:=false')
     states = client.listen('/joint_states', JointState)
     client.spin_until(lambda: states, 'states')
-    third = graph.start('controller', '--ros-args', '-r', '__node:=other')
-    late.says('2 controllers publish /joint_commands')
-    for process in (late, first, third):
-        assert process.interrupt() == 0
+    second = graph.start('controller', '--ros-args', '-r', '__node:=other', '-p', 'K:=20.0', '-p',
+                         'impulses:=false')
+    second.says('/controller is another controller of /joint_states: standing by')
+    plant.says('2 controllers publish /joint_commands: of the commands of /')
+    stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands]
+    assert len(stamps) == len(set(stamps))
+    first.kill()
+    assert client.set('plant_simulator', real_time_factor=0.0).successful
+    client.spin_until(lambda: not plant.running, 'the end')
+    assert plant.wait() == 0
+    assert second.interrupt() == 0
+    last, state = commands[-1], states[-1]
+    assert last.effort[0] == -20.0 * state.position[0] - 0.5 * state.velocity[0]
 
 
 def test_the_damping_of_a_bag_stands_at_the_state_it_was_published_after(graph):

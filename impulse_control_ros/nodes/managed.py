@@ -1,0 +1,64 @@
+"""A node that somebody else switches on and off: a ROS 2 lifecycle node, where it is wanted."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+
+from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.spin import first_line
+
+
+class ManagedNode(ParameterNode, LifecycleNodeMixin):
+    """
+    A `ParameterNode` that is a lifecycle node once `manage` is called.
+
+    ``active`` tells whether it may act; a node that is not managed always may. Subclasses react
+    in `activated` and `deactivated`. The transition to finalized ends the node.
+    """
+
+    active = True
+
+    def manage(self) -> None:
+        """Begin as unconfigured, and offer the services of a lifecycle node."""
+        self.active = False
+        LifecycleNodeMixin.__init__(self)
+        change = self._service_change_state
+        change.callback = partial(self._change_or_refuse, change.callback)
+
+    def _change_or_refuse(self, change: Callable[[Any, Any], Any], request: Any, response: Any
+                          ) -> Any:
+        """Change the state; a change that is not possible now would end rclpy 7's node."""
+        try:
+            return change(request, response)
+        except _rclpy.RCLError as error:
+            self.get_logger().error(f'no such change of state now: {first_line(error)}')
+            response.success = False
+            return response
+
+    def activated(self) -> None:
+        """React to becoming active."""
+
+    def deactivated(self) -> None:
+        """React to being active no more."""
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Become active."""
+        self.active = True
+        self.activated()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Be active no more."""
+        self.active = False
+        self.deactivated()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node, and its process."""
+        if self.active:
+            self.on_deactivate(state)
+        self.finished = True
+        return TransitionCallbackReturn.SUCCESS

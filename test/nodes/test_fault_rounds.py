@@ -1,0 +1,21 @@
+"""A few of the rounds of random faults; docs/reliability.md has the figures of many."""
+
+import random
+
+import pytest
+
+from test.nodes.fault_rounds import kill_round, long_run, NODES, stop_round
+
+
+@pytest.mark.parametrize('victim', NODES)
+def test_a_node_killed_at_a_random_sample_and_started_again_loses_no_state(graph, client, victim):
+    kill_round(graph, client, victim, random.Random(victim))
+
+
+@pytest.mark.parametrize('victim', NODES)
+def test_a_node_stopped_at_a_random_sample_for_seconds_changes_no_bit(graph, client, victim):
+    stop_round(graph, client, victim, random.Random(victim))
+
+
+def test_a_composed_run_with_faults_from_outside_loses_no_sample(graph, client):
+    assert sum(long_run(graph, client, 9, random.Random(1), seconds=1.0).values()) == 9
