@@ -7,9 +7,9 @@ from hypothesis.stateful import initialize, invariant, rule, RuleBasedStateMachi
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.impulse import (
     ANSWER,
-    control,
     Controller,
     fresh_memory,
     NO_IMPULSE,
@@ -36,7 +36,8 @@ class Law(RuleBasedStateMachine):
                        'effort_limit': limit, 'hold_off': hold_off, 'time_step': DT, 'x_r': 0.0,
                        'impulses': True}
         self.set()
-        self.memory, self.answer = fresh_memory(), np.zeros(1, ANSWER)
+        self.memory, self.watch = fresh_memory(), fresh_watch()
+        self.answer = np.zeros(1, ANSWER)
         self.effort, self.guard, self.area = 0.0, NO_IMPULSE, 0.0
         self.before = None
         self.owed = self.sent = 0.0
@@ -46,7 +47,7 @@ class Law(RuleBasedStateMachine):
     def set(self, **changed):
         self.values |= changed
         self.gains = Controller(**self.values)
-        self.packed = self.gains.packed()
+        self.packed, self.care = self.gains.packed(), packed_care(self.gains.flat(), 1)
 
     @rule(x_r=signed)
     def move_the_set_point(self, x_r):
@@ -59,8 +60,9 @@ class Law(RuleBasedStateMachine):
     @rule(position=anywhere, velocity=anywhere)
     def sample(self, position, velocity):
         waiting = float(self.memory['pending'][0])
-        control(self.memory, self.packed, position, velocity, self.answer)
-        self.effort, self.area, self.guard = self.answer.item()
+        control_carefully(self.memory, self.watch, self.packed, self.care, position, velocity,
+                          self.answer)
+        self.effort, self.area, self.guard, _ = self.answer.item()
         now = (position, velocity, self.gains.x_r)
         self.judge(*now)
         feedback = -self.gains.K * (position - self.gains.x_r) - self.gains.D * velocity
