@@ -8,6 +8,7 @@ v_hat                 velocity                    m/s      measured, or estimate
 p                     pole                        1        exp(-2 pi velocity_bandwidth dt)
 e + lead dt v         ahead                       m        where the guards look
 c                     stood                       samples  standing, counted anew at each impulse
+I                     integral                    N        K_i times the integral of e
 ====================  ==========================  =======  ========================================
 
 With all options off this is `answered`, to the same bits. What they change, guard by guard:
@@ -22,6 +23,9 @@ With all options off this is `answered`, to the same bits. What they change, gua
   did is seen before the next; behind a delay of n samples there would be n impulses for one. A
   set-point that changes at rest waits for this too, or a ramp would give an impulse at each
   sample.
+
+With K_i the feedback is that of a PID, -K e - D v - I with I+ = I + K_i e dt. While effort_limit
+clips it and e would drive it further, I rests, so nothing winds up.
 
 Without a measured velocity (nan) it is the filtered difference of the positions,
 
@@ -53,10 +57,12 @@ from impulse_control_ros.core.impulse import (
 from impulse_control_ros.core.kernel import compiled, sign
 
 CARE = np.dtype([(name, 'f8') for name in (
-    'lead_time', 'position_hysteresis', 'rearm', 'stick_samples', 'pole', 'inverse_m')])
+    'lead_time', 'position_hysteresis', 'rearm', 'stick_samples', 'pole', 'inverse_m',
+    'integral_gain')])
 WATCH = np.dtype([(name, 'f8') for name in (
-    'seen', 'position', 'velocity', 'kick', 'unarmed', 'stood')])
-OFF = {'lead': 0.0, 'position_hysteresis': 0.0, 'velocity_hysteresis': 0.0, 'stick_samples': 1}
+    'seen', 'position', 'velocity', 'kick', 'unarmed', 'stood', 'integral')])
+OFF = {'lead': 0.0, 'position_hysteresis': 0.0, 'velocity_hysteresis': 0.0, 'stick_samples': 1,
+       'K_i': 0.0}
 OPTIONS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become denormal
 
@@ -72,6 +78,7 @@ def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
     # math's exp, value by value: numpy's differs in the last bit from machine to machine.
     care['pole'] = [math.exp(-2.0 * math.pi * item) for item in turn.tolist()]
     care['inverse_m'] = 1.0 / np.asarray(values['m'])
+    care['integral_gain'] = np.asarray(values['K_i']) * values['time_step']
     return care
 
 
@@ -114,6 +121,18 @@ def allowed(guard, memory, watch, care, direction, stood):
 
 
 @compiled
+def feedback_of(gains, care, integral, error, velocity):
+    """Return the feedback [N] that is wanted, with the integral [N] of this sample, and that."""
+    proportional = -gains.K * error - gains.D * velocity
+    kept = integral if care.integral_gain != 0.0 else 0.0  # K_i may have been taken away
+    grown = kept + care.integral_gain * error
+    wanted = proportional - grown
+    clipped = abs(wanted) > gains.effort_limit and sign(wanted) == -sign(error)
+    kept = kept if clipped else grown
+    return proportional - kept, kept
+
+
+@compiled
 def control_carefully(memory, watch, gains, care, position, velocity, answer):
     """
     Do the law of one sample in place: update ``memory`` and ``watch``, fill ``answer``.
@@ -133,13 +152,14 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     guard = met if before.hold == 0.0 and law.impulses != 0.0 else NO_IMPULSE
     area = impulse_area(guard, law, error, velocity)
     pending = before.pending + area if law.impulses != 0.0 else 0.0
-    effort, waits = sent(law, error, velocity, pending)
+    feedback, integral = feedback_of(law, wary, seen.integral, error, velocity)
+    effort, waits = sent(law, feedback, pending)
 
     told.effort, told.area, told.guard, told.velocity = effort, area, guard, velocity
     old.started, old.position, old.side = 1.0, ahead, sign(ahead - law.x_r)
     old.direction, old.x_r, old.pending, old.pulsed = direction, law.x_r, waits, pending
     old.hold = law.hold_off if guard == POSITION_ZERO else max(before.hold - 1.0, 0.0)
     seen.seen, seen.position, seen.velocity, seen.kick = 1.0, position, velocity, pending - waits
-    seen.stood = 0.0 if pending != 0.0 else stood
+    seen.stood, seen.integral = 0.0 if pending != 0.0 else stood, integral
     far = abs(ahead - law.x_r) > wary.position_hysteresis
     seen.unarmed = 0.0 if far else (1.0 if guard == POSITION_ZERO else seen.unarmed)

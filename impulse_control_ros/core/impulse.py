@@ -99,6 +99,9 @@ class Controller(Parameters):
         0.6, '', 'alpha / (m abs(v)), the gain of the position-zero impulse (19)', lower=0.5,
         upper=1.0, open_upper=True, reference='(19): 0.5 m abs(v) <= alpha < m abs(v)')
     x_r: float = parameter(0.0, 'm', 'set-point (4)', lower=-FAR, upper=FAR)
+    K_i: float = parameter(
+        0.0, 'N/(m s)', 'integral gain, which makes the PD loop a PID; it rests while '
+        'effort_limit does not let it act', lower=0.0)
     impulses: bool = parameter(True, '', 'whether impulses act; false leaves the PD loop (4)')
     effort_limit: float = parameter(
         0.0, 'N', 'largest effort, PD and impulse together; 0 for none', lower=0.0)
@@ -191,9 +194,9 @@ def within(limit, effort):
 
 
 @compiled
-def sent(gains, error, velocity, pending):
-    """Return the effort [N], PD (4) and what fits of the ``pending`` area [N s], and the rest."""
-    feedback = within(gains.effort_limit, -gains.K * error - gains.D * velocity)
+def sent(gains, wanted_feedback, pending):
+    """Return the effort [N], feedback and what fits of the ``pending`` area [N s], and the rest."""
+    feedback = within(gains.effort_limit, wanted_feedback)
     effort, waits = feedback, 0.0
     if pending != 0.0:
         wanted = feedback + pending * gains.sample_rate
@@ -216,7 +219,7 @@ def answered(memory, gains, position, velocity):
     area = impulse_area(guard, gains, error, velocity)
     pending = memory.pending + area if gains.impulses != 0.0 else 0.0
 
-    effort, waits = sent(gains, error, velocity, pending)
+    effort, waits = sent(gains, -gains.K * error - gains.D * velocity, pending)
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)
     return effort, area, guard, Memory(
         1.0, position, sign(error), direction, gains.x_r, waits, pending, hold)

@@ -27,7 +27,7 @@ def clear(hidden, memory, watch):
     old.started, old.position, old.side, old.direction = 0.0, 0.0, 0.0, 0.0
     old.x_r, old.pending, old.pulsed, old.hold = 0.0, 0.0, 0.0, 0.0
     seen.seen, seen.position, seen.velocity, seen.kick = 0.0, 0.0, 0.0, 0.0
-    seen.unarmed, seen.stood = 0.0, 0.0
+    seen.unarmed, seen.stood, seen.integral = 0.0, 0.0, 0.0
 
 
 @compiled

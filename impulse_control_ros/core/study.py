@@ -211,7 +211,7 @@ def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:
     figures = figures_of(
         packed_rows(study.axis, study.controller, *columns(parameters), len(rows)), study.steps,
         np.asarray(study.tolerances))
-    result = dict(parameters)
+    result = {column_of(name): values for name, values in parameters.items()}
     for place, tolerance in enumerate(study.tolerances):
         result[settling(tolerance)] = figures['settling_time'][:, place]
     result['impulses'] = np.sum([figures[guard] for guard in COUNTS], axis=0)
@@ -224,9 +224,14 @@ def settling(tolerance: float) -> str:
     return f'settling_time_{tolerance:g}'
 
 
+def column_of(name: str) -> str:
+    """Return the column of a varied parameter: ``impulses`` alone is a figure of merit."""
+    return full_name(name) if name in MEASURES else name
+
+
 def units(study: Study) -> dict[str, str]:
     """Return the unit of each column, in order: varied parameters, then figures."""
-    result = {name: found(name)[3].unit for name in study.vary}
+    result = {column_of(name): found(name)[3].unit for name in study.vary}
     result |= {settling(tolerance): 's' for tolerance in study.tolerances}
     return result | {name: unit for name, (unit, _) in MEASURES.items()}
 

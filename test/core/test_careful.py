@@ -9,7 +9,7 @@ import pytest
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.hardware import Actuator, Sensor
+from impulse_control_ros.core.hardware import Actuator, Disturbance, Sensor
 from impulse_control_ros.core.impulse import (
     ANSWER,
     Controller,
@@ -214,3 +214,37 @@ def test_a_dead_band_below_one_step_of_the_estimate_storms():
     axis = Axis(F_c=0.0, sensor=Sensor(resolution=Q, velocity='none'))
     run = simulate(axis, replace(WARY, velocity_deadband=0.04), 4.0)
     assert impulses_per_second(run) > 100.0
+
+
+# -- the integral -----------------------------------------------------------------------------
+
+def test_with_an_integral_gain_the_law_is_a_pid():
+    error, v, gain = 0.01, -0.3, 40.0
+    told = answers([(error, v)] * 20, Controller(K_i=gain, impulses=False))['effort']
+    integral = gain * STEP * error * np.arange(1, 21)
+    assert told == pytest.approx(-K * error - 0.5 * v - integral, rel=1e-12)
+
+
+def test_the_integral_carries_a_constant_force_that_pd_leaves_an_error_against():
+    axis = Axis(F_c=0.0, disturbance=Disturbance(force=1.0))
+    last = {gain: simulate(axis, Controller(K_i=gain, impulses=False), 10.0).position[-1]
+            for gain in (0.0, 20.0)}
+    assert last[0.0] == pytest.approx(1.0 / K, abs=1e-4)
+    assert abs(last[20.0]) < 1e-4
+
+
+def test_an_integral_rests_while_the_effort_is_clipped_and_goes_on_when_it_is_not():
+    gains = Controller(K_i=1e3, effort_limit=1.0, impulses=False)
+    told = answers([(0.2, 0.0)] * 5000 + [(-0.01, 0.0)], gains)['effort']
+    assert (told[:-1] == -1.0).all()
+    assert told[-1] == pytest.approx(0.1, abs=2e-3)  # nothing has wound up
+
+
+def test_an_integral_gain_taken_away_leaves_nothing():
+    memory, watch, answer = fresh_memory(), fresh_watch(), np.zeros(1, ANSWER)
+    for gain in (100.0, 0.0):
+        law = Controller(K_i=gain, impulses=False)
+        for _ in range(100):
+            control_carefully(memory, watch, law.packed(), packed_care(law.flat(), 1), 0.02, 0.0,
+                              answer)
+    assert answer['effort'][0] == -K * 0.02

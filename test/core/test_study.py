@@ -165,3 +165,11 @@ def test_a_study_that_says_nothing_is_refused(values, said):
     with pytest.raises(ParameterError) as refused:
         study(**values)
     assert said in str(refused.value)
+
+
+def test_a_parameter_and_a_figure_of_one_name_have_a_column_each():
+    made = study({'impulses': {'values': [False, True]}}, runs=1)
+    columns = whole(made)
+    assert columns['controller.impulses'].tolist() == [False, True]
+    assert columns['impulses'][0] == 0 < columns['impulses'][1]
+    assert list(columns) == list(units(made))
