@@ -1,0 +1,1 @@
+"""docs/robustness.md: PD, PID and impulses beside each other under disturbances."""

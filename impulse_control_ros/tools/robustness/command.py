@@ -1,0 +1,100 @@
+"""
+Run the studies/robustness_*.yaml of docs/robustness.md, and renew it and its pictures.
+
+A study is run as ``sweep`` runs it, into the same folder: what is finished is not run again.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+
+from matplotlib import rc_context
+import numpy as np
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.study import Study, units
+from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.files.study_file import identity, read_study
+from impulse_control_ros.files.sweep_folder import SweepError, SweepFolder
+from impulse_control_ros.stop import StopRequest
+from impulse_control_ros.tools.paper.command import DOCS_DPI, saved
+from impulse_control_ros.tools.paper.drawing import STYLE
+from impulse_control_ros.tools.robustness.comparison import compared
+from impulse_control_ros.tools.robustness.document import block, renewed
+from impulse_control_ros.tools.robustness.drawing import picture
+from impulse_control_ros.tools.sweep import finish
+from impulse_control_ros.tools.sweep_summary import Column
+from impulse_control_ros.tools.sweep_workers import local_workers
+
+TUNING = 'robustness_tuning'
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(prog='robustness', description=__doc__)
+    parser.add_argument('docs', type=Path, help='the folder of robustness.md')
+    parser.add_argument('--studies', metavar='FOLDER', type=Path, default=Path('studies'),
+                        help='where robustness_*.yaml are (default: %(default)s)')
+    parser.add_argument('--runs', metavar='FOLDER', type=Path, default=Path('runs'),
+                        help='where their results are, or come (default: %(default)s)')
+    return parser.parse_args(arguments)
+
+
+def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """Be the whole of the command; returns the exit status."""
+    options = parse(arguments)
+    try:
+        renew(options.docs, options.studies, options.runs, stop)
+    except ParameterError as error:
+        print(f'robustness: {error}', file=sys.stderr)
+        return 2
+    except (SweepError, OSError) as error:
+        print(f'robustness: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
+    """Run what is left of the studies, and write the page and its pictures."""
+    path = docs / 'robustness.md'
+    page = path.read_text()
+    for file in sorted(studies.glob('robustness_*.yaml')):
+        name, study = file.stem, read_study(file)
+        column = ran(study, runs / name, stop)
+        if name == TUNING:
+            lines = tuned(study, column)
+        else:
+            comparison = compared(study, column)
+            lines = block(name, comparison)
+            with rc_context(STYLE), replaced(docs / f'{name}.png') as made:
+                made.write_bytes(saved(picture(comparison, study.extent.duration), 'png',
+                                       DOCS_DPI))
+        page = renewed(page, name, lines)
+    with replaced(path) as made:
+        made.write_text(page)
+
+
+def ran(study: Study, path: Path, stop: StopRequest) -> Column:
+    """Run what is left of a study, and return the columns of its result."""
+    folder = SweepFolder(path, identity(study), units(study))
+    if not folder.is_concluded():
+        with local_workers() as workers, folder.held():
+            finish(study, folder, workers, stop)
+    return folder.column
+
+
+def mean_iae(study: Study, column: Column) -> np.ndarray:
+    """Return the mean IAE [m s] over all runs with a K_i, for each."""
+    gains = column('K_i')
+    return np.array([column('iae')[gains == gain].mean() for gain in study.axes['K_i']])
+
+
+def tuned(study: Study, column: Column) -> list[str]:
+    """Return the table of the tuning."""
+    means = mean_iae(study, column)
+    best = study.axes['K_i'][int(np.argmin(means))]
+    return ['| K_i [N/(m s)] | ' + ' | '.join(f'{gain:g}' for gain in study.axes['K_i']) + ' |',
+            '|---' * (len(means) + 1) + '|',
+            '| mean IAE [m s] | ' + ' | '.join(f'{mean:.4f}' for mean in means) + ' |', '',
+            f'The least is at K_i = {best:g} N/(m s).']

@@ -1,0 +1,72 @@
+"""
+What a study says about PD, PID and impulses beside each other, under one disturbance.
+
+The study's axes are the disturbance, F_c (unless that is the disturbance), controller.impulses
+and K_i, in this order; any others have one value. Quantiles are those of the sweep's summary.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.study import settling, Study
+from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
+
+CONTROLLERS = ('PD', 'PID', 'impulses', 'impulses and integral')  # impulses, then K_i, off and on
+AXES = {'F_c': 2, 'controller.impulses': 2, 'K_i': 2}
+RESIDUAL, PEAK = 'final_error', 'peak_effort'
+LOW, MEDIAN, HIGH = range(3)
+SHARES = (0.1, 0.5, 0.9)
+SAME = {'settling': 1e-3, 'residual': 1e-5}  # s, m: a difference that is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """
+    Quantiles `SHARES` of the figures of merit of a study.
+
+    ``disturbance`` is the name of its first axis, ``levels`` its values, ``frictions`` those of
+    F_c [N], () where that is the disturbance. ``figures`` have shape (3, levels, frictions or 1,
+    4 controllers): settling time [s], nan for never, residual error [m], peak effort [N].
+    """
+
+    disturbance: str
+    levels: tuple[float, ...]
+    frictions: tuple[float, ...]
+    figures: Mapping[str, np.ndarray]
+
+    def worse(self, figure: str, friction: int, other: int) -> list[int]:
+        """Return at which levels the median of impulses is worse than that of another."""
+        ours, theirs = (self.figures[figure][MEDIAN, :, friction, place] for place in (2, other))
+        never = np.isnan(ours)
+        return np.flatnonzero(
+            ~np.isnan(theirs) & (never | (ours > theirs + SAME[figure]))).tolist()
+
+
+def compared(study: Study, column: Column) -> Comparison:
+    """Return the comparison that a study holds, or raise `ParameterError` where it holds none."""
+    (disturbance, levels), *others = study.axes.items()
+    expected = {name: size for name, size in AXES.items() if name != disturbance}
+    if {name: len(values) for name, values in others if len(values) > 1} != expected:
+        raise ParameterError(f'the axes {", ".join(study.axes)} are refused: allowed are a '
+                             f'disturbance and two values of {", ".join(expected)}')
+    shape = (len(levels), *expected.values(), study.extent.runs)
+    frictions = tuple(study.axes['F_c']) if 'F_c' in expected else ()
+
+    def of(name: str) -> np.ndarray:
+        values = quantiles(shown(column, name).reshape(shape), SHARES)
+        return values.reshape(len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
+    return Comparison(
+        disturbance=disturbance, levels=tuple(levels), frictions=frictions,
+        figures={'settling': of(settling(study.tolerances[0])), 'residual': of(RESIDUAL),
+                 'peak': of(PEAK)})
+
+
+def runs_of(places: list[int]) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last of each row of places that follow one another."""
+    breaks = [i for i in range(1, len(places)) if places[i] != places[i - 1] + 1]
+    for start, end in zip([0, *breaks], [*breaks, len(places)], strict=True):
+        if places:
+            yield places[start], places[end - 1]

@@ -1,0 +1,90 @@
+"""What docs/robustness.md holds between the markers of a study, which its text is around."""
+
+from collections.abc import Sequence
+import math
+import re
+
+from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.tools.robustness.comparison import (
+    Comparison,
+    CONTROLLERS,
+    MEDIAN,
+    runs_of,
+)
+from impulse_control_ros.tools.sweep_pictures import axis_label
+
+LEVELS = 6  # in a table
+FIGURES = {'settling': 'settling time', 'residual': 'residual error'}
+
+
+def renewed(page: str, name: str, lines: Sequence[str]) -> str:
+    """Return the page with ``lines`` between the markers of the study ``name``."""
+    block = re.compile(f'(<!-- {name} -->\n).*?(<!-- end -->)', re.DOTALL)
+    if not block.search(page):
+        raise ParameterError(f'{name} is refused: the page has no <!-- {name} --> for it')
+    body = '\n'.join(['', *lines, '', ''])
+    return block.sub(lambda found: found[1] + body + found[2], page)
+
+
+def block(name: str, comparison: Comparison) -> list[str]:
+    """Return the lines of a study: its picture, its table and where impulses lose."""
+    return [f'![{comparison.disturbance}]({name}.png)', '', *table(comparison), '',
+            *losses(comparison)]
+
+
+def table(comparison: Comparison) -> list[str]:
+    """Return a table of medians at some levels."""
+    frictions = ['F_c [N]'] if comparison.frictions else []
+    heads = [axis_label(comparison.disturbance), *frictions,
+             *(f'{controller} [s]' for controller in CONTROLLERS),
+             *(f'{controller} [mm]' for controller in CONTROLLERS)]
+    lines = ['| ' + ' | '.join(heads) + ' |', '|---' * len(heads) + '|']
+    for friction in range(len(comparison.frictions) or 1):
+        for place in some(len(comparison.levels)):
+            cells = [f'{comparison.levels[place]:.3g}']
+            cells += [f'{value:g}' for value in comparison.frictions[friction:friction + 1]]
+            cells += [seconds(value) for value in
+                      comparison.figures['settling'][MEDIAN, place, friction]]
+            cells += [millimetres(value) for value in
+                      comparison.figures['residual'][MEDIAN, place, friction]]
+            lines.append('| ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+def some(count: int) -> list[int]:
+    """Return at most `LEVELS` of ``count`` places, evenly spread, the ends among them."""
+    most = min(LEVELS, count)
+    return sorted({round(i * (count - 1) / max(most - 1, 1)) for i in range(most)})
+
+
+def seconds(value: float) -> str:
+    """Return a settling time as a cell."""
+    return 'never' if math.isnan(value) else f'{value:.3f}'
+
+
+def millimetres(value: float) -> str:
+    """Return an error in m as a cell; below a micrometre it is none."""
+    if math.isnan(value):
+        return 'diverges'
+    return '0' if value < 1e-6 else f'{1e3 * value:.3g}'
+
+
+def losses(comparison: Comparison) -> list[str]:
+    """Return a line for each friction that says at which levels impulses alone are worse."""
+    lines = []
+    for friction in range(len(comparison.frictions) or 1):
+        said = [f'{FIGURES[figure]} than {CONTROLLERS[other]} at '
+                + ', '.join(stretch(comparison, *ends) for ends in runs_of(places))
+                for figure in FIGURES for other in (0, 1)
+                if (places := comparison.worse(figure, friction, other))]
+        where = [f'F_c = {value:g} N: ' for value in comparison.frictions[friction:friction + 1]]
+        lines.append('* ' + ''.join(where) + (
+            'impulses have a larger ' + '; a larger '.join(said) if said
+            else 'impulses are at no level worse than PD or PID') + '.')
+    return lines
+
+
+def stretch(comparison: Comparison, first: int, last: int) -> str:
+    """Return the levels from ``first`` to ``last`` in words."""
+    low, high = (f'{comparison.levels[place]:.3g}' for place in (first, last))
+    return low if first == last else f'{low} to {high}'

@@ -1,0 +1,81 @@
+"""The picture of a comparison: settling time, residual error and peak effort over its levels."""
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from impulse_control_ros.tools.robustness.comparison import (
+    Comparison,
+    CONTROLLERS,
+    HIGH,
+    LOW,
+    MEDIAN,
+)
+from impulse_control_ros.tools.sweep_pictures import axis_label
+
+# The Okabe-Ito colours, which stay apart for any eye; marks and dashes do so in print.
+STYLES: tuple[dict[str, Any], ...] = (
+    {'color': '#0072B2', 'marker': 's'}, {'color': '#009E73', 'marker': '^'},
+    {'color': '#D55E00', 'marker': 'o'}, {'color': '#555555', 'linestyle': (0, (3, 2))})
+FLOOR = {'settling': 0.0, 'residual': 1e-6, 'peak': 0.0}  # what is less is drawn there
+LABELS = {'settling': 'settling time [s]', 'residual': 'residual error [m]',
+          'peak': 'peak effort [N]'}
+BANDS = 3  # the fourth controller's would hide those of the others
+
+
+def picture(comparison: Comparison, duration: float) -> Figure:
+    """Return the picture; a run of ``duration`` [s] that does not settle is at `never`."""
+    frictions = comparison.frictions or (None,)
+    figure = Figure(figsize=(4.6 * len(frictions) + 0.4, 7.6), layout='constrained')
+    panels = figure.subplots(len(LABELS), len(frictions), sharex=True, sharey='row',
+                             squeeze=False)
+    for row, key in zip(panels, LABELS, strict=True):
+        row[0].set_ylabel(LABELS[key])
+        for place, axes in enumerate(row):
+            for number in range(len(CONTROLLERS)):
+                curve(axes, comparison, key, place, number, 2.0 * duration)
+            axes.set_yscale('log')
+    for axes, friction in zip(panels[0], frictions, strict=True):
+        mark_never(axes, duration)
+        if friction is not None:
+            axes.set_title(f'F_c = {friction:g} N' if friction else 'no friction')
+    for axes in panels[-1]:
+        axes.set_xlabel(axis_label(comparison.disturbance))
+        scale(axes, comparison.levels)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=len(CONTROLLERS),
+                  loc='outside upper center')
+    return figure
+
+
+def curve(axes: Axes, comparison: Comparison, key: str, place: int, number: int,
+          never: float) -> None:
+    """Draw the median of a controller, and its band from 10 to 90 % of the runs."""
+    values = comparison.figures[key][:, :, place, number]
+    values = np.maximum(np.where(np.isnan(values), never, values), FLOOR[key])
+    style = STYLES[number]
+    if number < BANDS:
+        axes.fill_between(comparison.levels, values[LOW], values[HIGH], color=style['color'],
+                          alpha=0.15, lw=0)
+    axes.plot(comparison.levels, values[MEDIAN], markersize=3.5, label=CONTROLLERS[number],
+              **style)
+
+
+def mark_never(axes: Axes, duration: float) -> None:
+    """Give those that do not settle a place above the ``duration`` [s] of a run."""
+    axes.axhline(1.3 * duration, color='black', lw=0.6)
+    axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
+                    ['0.1', '0.2', '0.5', '1', '2', '5', 'never'])
+    axes.minorticks_off()
+
+
+def scale(axes: Axes, levels: tuple[float, ...]) -> None:
+    """Choose the scale that spreads the levels: a logarithm, from 0 on where 0 is one of them."""
+    if levels[-1] <= 50.0 * min(level for level in levels if level > 0.0):
+        axes.set_xscale('linear')
+    elif levels[0] == 0.0:
+        axes.set_xscale('symlog', linthresh=levels[1], linscale=0.5)
+    else:
+        axes.set_xscale('log')
+    axes.set_xlim(levels[0], levels[-1])
