@@ -16,7 +16,7 @@ from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
 
 CONTROLLERS = ('PD', 'PID', 'impulses', 'impulses and integral')  # impulses, then K_i, off and on
 AXES = {'F_c': 2, 'controller.impulses': 2, 'K_i': 2}
-RESIDUAL, PEAK = 'final_error', 'peak_effort'
+FIGURES = {'residual': 'final_error', 'peak': 'peak_effort', 'impulses': 'impulses'}
 LOW, MEDIAN, HIGH = range(3)
 SHARES = (0.1, 0.5, 0.9)
 SAME = {'settling': 1e-3, 'residual': 1e-5}  # s, m: a difference that is none
@@ -29,7 +29,8 @@ class Comparison:
 
     ``disturbance`` is the name of its first axis, ``levels`` its values, ``frictions`` those of
     F_c [N], () where that is the disturbance. ``figures`` have shape (3, levels, frictions or 1,
-    4 controllers): settling time [s], nan for never, residual error [m], peak effort [N].
+    4 controllers): settling time [s], nan for never; residual error [m], peak effort [N] and
+    number of impulses, nan for a run that diverged.
     """
 
     disturbance: str
@@ -38,11 +39,10 @@ class Comparison:
     figures: Mapping[str, np.ndarray]
 
     def worse(self, figure: str, friction: int, other: int) -> list[int]:
-        """Return at which levels the median of impulses is worse than that of another."""
-        ours, theirs = (self.figures[figure][MEDIAN, :, friction, place] for place in (2, other))
-        never = np.isnan(ours)
-        return np.flatnonzero(
-            ~np.isnan(theirs) & (never | (ours > theirs + SAME[figure]))).tolist()
+        """Return at which levels impulses are worse than another, in the median or at 90 %."""
+        ours, theirs = (self.figures[figure][MEDIAN:, :, friction, place] for place in (2, other))
+        worse = ~np.isnan(theirs) & (np.isnan(ours) | (ours > theirs + SAME[figure]))
+        return np.flatnonzero(worse.any(axis=0)).tolist()
 
 
 def compared(study: Study, column: Column) -> Comparison:
@@ -60,8 +60,8 @@ def compared(study: Study, column: Column) -> Comparison:
         return values.reshape(len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
     return Comparison(
         disturbance=disturbance, levels=tuple(levels), frictions=frictions,
-        figures={'settling': of(settling(study.tolerances[0])), 'residual': of(RESIDUAL),
-                 'peak': of(PEAK)})
+        figures={'settling': of(settling(study.tolerances[0]))}
+        | {figure: of(name) for figure, name in FIGURES.items()})
 
 
 def runs_of(places: list[int]) -> Iterator[tuple[int, int]]:

@@ -14,7 +14,7 @@ from impulse_control_ros.tools.robustness.comparison import (
 from impulse_control_ros.tools.sweep_pictures import axis_label
 
 LEVELS = 6  # in a table
-FIGURES = {'settling': 'settling time', 'residual': 'residual error'}
+FIGURES = {'settling': 'settle later', 'residual': 'leave a larger error'}
 
 
 def renewed(page: str, name: str, lines: Sequence[str]) -> str:
@@ -73,14 +73,15 @@ def losses(comparison: Comparison) -> list[str]:
     """Return a line for each friction that says at which levels impulses alone are worse."""
     lines = []
     for friction in range(len(comparison.frictions) or 1):
-        said = [f'{FIGURES[figure]} than {CONTROLLERS[other]} at '
-                + ', '.join(stretch(comparison, *ends) for ends in runs_of(places))
-                for figure in FIGURES for other in (0, 1)
-                if (places := comparison.worse(figure, friction, other))]
-        where = [f'F_c = {value:g} N: ' for value in comparison.frictions[friction:friction + 1]]
-        lines.append('* ' + ''.join(where) + (
-            'impulses have a larger ' + '; a larger '.join(said) if said
-            else 'impulses are at no level worse than PD or PID') + '.')
+        where = ''.join(
+            f'F_c = {value:g} N: ' for value in comparison.frictions[friction:friction + 1])
+        said = [f'{words} ' + ', '.join(lost)
+                for figure, words in FIGURES.items() if (lost := [
+                    f'than {CONTROLLERS[other]} at '
+                    + ' and '.join(stretch(comparison, *ends) for ends in runs_of(places))
+                    for other in (0, 1) if (places := comparison.worse(figure, friction, other))])]
+        lines.append(f'* {where}impulses ' + (
+            '; '.join(said) if said else 'are at no level worse than PD or PID') + '.')
     return lines
 
 

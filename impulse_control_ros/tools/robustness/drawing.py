@@ -19,23 +19,31 @@ from impulse_control_ros.tools.sweep_pictures import axis_label
 STYLES: tuple[dict[str, Any], ...] = (
     {'color': '#0072B2', 'marker': 's'}, {'color': '#009E73', 'marker': '^'},
     {'color': '#D55E00', 'marker': 'o'}, {'color': '#555555', 'linestyle': (0, (3, 2))})
-FLOOR = {'settling': 0.0, 'residual': 1e-6, 'peak': 0.0}  # what is less is drawn there
+FLOOR = {'settling': 0.0, 'residual': 1e-6, 'peak': 0.0, 'impulses': 1.0}  # less is drawn there
 LABELS = {'settling': 'settling time [s]', 'residual': 'residual error [m]',
-          'peak': 'peak effort [N]'}
+          'peak': 'peak effort [N]', 'impulses': 'impulses in a run'}
+WITHOUT = 2  # so many controllers have no impulses
 BANDS = 3  # the fourth controller's would hide those of the others
 
 
 def picture(comparison: Comparison, duration: float) -> Figure:
-    """Return the picture; a run of ``duration`` [s] that does not settle is at `never`."""
+    """
+    Return the picture; a run of ``duration`` [s] that does not settle is at `never`.
+
+    A cross at the top is a median that diverges.
+    """
     frictions = comparison.frictions or (None,)
-    figure = Figure(figsize=(4.6 * len(frictions) + 0.4, 7.6), layout='constrained')
+    figure = Figure(figsize=(4.6 * len(frictions) + 0.4, 9.6), layout='constrained')
     panels = figure.subplots(len(LABELS), len(frictions), sharex=True, sharey='row',
                              squeeze=False)
     for row, key in zip(panels, LABELS, strict=True):
         row[0].set_ylabel(LABELS[key])
         for place, axes in enumerate(row):
-            for number in range(len(CONTROLLERS)):
-                curve(axes, comparison, key, place, number, 2.0 * duration)
+            for number in range(WITHOUT if key == 'impulses' else 0, len(CONTROLLERS)):
+                values = comparison.figures[key][:, :, place, number]
+                if key == 'settling':
+                    values = np.where(np.isnan(values), 2.0 * duration, values)
+                curve(axes, comparison.levels, np.maximum(values, FLOOR[key]), number)
             axes.set_yscale('log')
     for axes, friction in zip(panels[0], frictions, strict=True):
         mark_never(axes, duration)
@@ -49,24 +57,23 @@ def picture(comparison: Comparison, duration: float) -> Figure:
     return figure
 
 
-def curve(axes: Axes, comparison: Comparison, key: str, place: int, number: int,
-          never: float) -> None:
+def curve(axes: Axes, levels: tuple[float, ...], values: np.ndarray, number: int) -> None:
     """Draw the median of a controller, and its band from 10 to 90 % of the runs."""
-    values = comparison.figures[key][:, :, place, number]
-    values = np.maximum(np.where(np.isnan(values), never, values), FLOOR[key])
     style = STYLES[number]
     if number < BANDS:
-        axes.fill_between(comparison.levels, values[LOW], values[HIGH], color=style['color'],
-                          alpha=0.15, lw=0)
-    axes.plot(comparison.levels, values[MEDIAN], markersize=3.5, label=CONTROLLERS[number],
-              **style)
+        axes.fill_between(levels, values[LOW], values[HIGH], color=style['color'], alpha=0.15,
+                          lw=0)
+    axes.plot(levels, values[MEDIAN], markersize=3.5, label=CONTROLLERS[number], **style)
+    lost = [level for level, value in zip(levels, values[MEDIAN], strict=True) if np.isnan(value)]
+    axes.plot(lost, [0.96] * len(lost), 'x', color=style['color'],
+              transform=axes.get_xaxis_transform())
 
 
 def mark_never(axes: Axes, duration: float) -> None:
     """Give those that do not settle a place above the ``duration`` [s] of a run."""
     axes.axhline(1.3 * duration, color='black', lw=0.6)
-    axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
-                    ['0.1', '0.2', '0.5', '1', '2', '5', 'never'])
+    axes.set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
+                    ['0.02', '0.05', '0.1', '0.2', '0.5', '1', '2', '5', 'never'])
     axes.minorticks_off()
 
 
