@@ -19,6 +19,7 @@ AXES = {'F_c': 2, 'controller.impulses': 2, 'K_i': 2}
 FIGURES = {'residual': 'final_error', 'peak': 'peak_effort', 'impulses': 'impulses'}
 LOW, MEDIAN, HIGH = range(3)
 SHARES = (0.1, 0.5, 0.9)
+LOST = 100.0  # m; a run that ends farther away has diverged, long before it leaves all bounds
 SAME = {'settling': 1e-3, 'residual': 1e-5}  # s, m: a difference that is none
 
 
@@ -55,9 +56,11 @@ def compared(study: Study, column: Column) -> Comparison:
     shape = (len(levels), *expected.values(), study.extent.runs)
     frictions = tuple(study.axes['F_c']) if 'F_c' in expected else ()
 
+    lost = ~(shown(column, FIGURES['residual']) < LOST)
+
     def of(name: str) -> np.ndarray:
-        values = quantiles(shown(column, name).reshape(shape), SHARES)
-        return values.reshape(len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
+        values = np.where(lost, np.nan, shown(column, name)).reshape(shape)
+        return quantiles(values, SHARES).reshape(len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
     return Comparison(
         disturbance=disturbance, levels=tuple(levels), frictions=frictions,
         figures={'settling': of(settling(study.tolerances[0]))}

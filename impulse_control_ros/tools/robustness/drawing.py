@@ -4,6 +4,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 import numpy as np
 
 from impulse_control_ros.tools.robustness.comparison import (
@@ -45,10 +46,11 @@ def picture(comparison: Comparison, duration: float) -> Figure:
                     values = np.where(np.isnan(values), 2.0 * duration, values)
                 curve(axes, comparison.levels, np.maximum(values, FLOOR[key]), number)
             axes.set_yscale('log')
+            axes.yaxis.set_minor_formatter(NullFormatter())
     for axes, friction in zip(panels[0], frictions, strict=True):
         mark_never(axes, duration)
         if friction is not None:
-            axes.set_title(f'F_c = {friction:g} N' if friction else 'no friction')
+            axes.set_title(f'F_c = {friction:g} N')
     for axes in panels[-1]:
         axes.set_xlabel(axis_label(comparison.disturbance))
         scale(axes, comparison.levels)
