@@ -113,7 +113,7 @@ def _start(gains: Controller, d: float) -> tuple[float, float, float]:
 
 def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
     """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
-    found = [*_on_damping(gains), *_on_guards(gains)]
+    found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
     if axis is not None:
         found += [*_on_mass(gains, axis), *_on_bound(gains, axis), *_on_friction(gains, axis),
                   *_on_signals(gains, axis)]
@@ -134,6 +134,15 @@ def _on_damping(gains: Controller) -> Iterator[Finding]:
     yield Finding(level=Level.WARNING, text=(
         f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
         f'((d_bar + D)^2 != 4 m K): {remedy}'))
+
+
+def _on_integral(gains: Controller) -> Iterator[Finding]:
+    """Judge K_i by Routh: m s^3 + (D + d) s^2 + K s + K_i is stable if (D + d) K > m K_i."""
+    most = gains.D * gains.K / gains.m
+    if gains.K_i > 0.0 and gains.K_i >= most:
+        yield Finding(level=Level.WARNING, text=(
+            f'K_i = {gains.K_i:g} N/(m s) is unstable on an axis of little damping: below '
+            f'D K / m = {most:g} N/(m s) it is stable with any'))
 
 
 def _on_guards(gains: Controller) -> Iterator[Finding]:
@@ -184,9 +193,10 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
             f'effort_limit = {gains.effort_limit:g} N does not exceed F_c = {axis.F_c:g} N: '
             'nothing moves a standing axis'))
     if not gains.impulses:
-        yield Finding(level=Level.NOTE, text=(
-            f'impulses = false leaves the axis sticking anywhere within F_c / K = '
-            f'{dead_zone(gains, axis.F_c):g} m of x_r'))
+        if gains.K_i == 0.0:
+            yield Finding(level=Level.NOTE, text=(
+                f'impulses = false leaves the axis sticking anywhere within F_c / K = '
+                f'{dead_zone(gains, axis.F_c):g} m of x_r'))
         return
     floor = sampled_floor(gains, axis.F_c)
     if gains.position_deadband < floor:

@@ -195,7 +195,7 @@ def within(limit, effort):
 
 @compiled
 def sent(gains, wanted_feedback, pending):
-    """Return the effort [N], feedback and what fits of the ``pending`` area [N s], and the rest."""
+    """Return the effort [N], with what fits of the ``pending`` area [N s], and what does not."""
     feedback = within(gains.effort_limit, wanted_feedback)
     effort, waits = feedback, 0.0
     if pending != 0.0:

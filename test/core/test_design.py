@@ -214,3 +214,20 @@ def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, chan
 def test_the_encoder_experiment_has_no_findings():
     experiment = read_experiment(CONFIG / 'encoder.yaml')
     assert findings(experiment.controller, experiment.plant_simulator) == []
+
+
+def test_an_integral_gain_that_is_unstable_without_damping_is_a_warning():
+    limit = 0.5 * 10.0 / 0.1
+    text, = said(Level.WARNING, Controller(K_i=limit))
+    assert f'K_i = {limit:g} N/(m s) is unstable' in text
+    assert said(Level.WARNING, Controller(K_i=0.99 * limit)) == []
+    # and so it is: it grows above the bound and decays below it
+    axis = Axis(F_c=0.0, damping=Damping(value=1e-6))
+    ends = {factor: np.abs(simulate(
+        axis, Controller(K_i=factor * limit, impulses=False), 20.0).position[-5000:]).max()
+        for factor in (0.9, 1.1)}
+    assert ends[0.9] < axis.x_0 < ends[1.1]
+
+
+def test_with_an_integral_no_dead_zone_is_claimed():
+    assert said(Level.NOTE, replace(PD, K_i=12.0), ROUGH) == []

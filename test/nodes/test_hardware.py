@@ -21,7 +21,8 @@ HARDWARE = {
     'disturbance': {'kind': 'noise', 'force': 0.3, 'start': 0.01, 'end': 0.2, 'bandwidth': 20.0,
                     'seed': 2}}
 OPTIONS = {'position_deadband': 2e-4, 'velocity_deadband': 0.12, 'lead': 0.5,
-           'position_hysteresis': 1.5e-4, 'velocity_hysteresis': 0.02, 'stick_samples': 6}
+           'position_hysteresis': 1.5e-4, 'velocity_hysteresis': 0.02,
+           'stick_samples': 6, 'K_i': 3.0}
 
 
 @pytest.fixture

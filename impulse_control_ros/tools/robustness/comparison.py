@@ -60,7 +60,8 @@ def compared(study: Study, column: Column) -> Comparison:
 
     def of(name: str) -> np.ndarray:
         values = np.where(lost, np.nan, shown(column, name)).reshape(shape)
-        return quantiles(values, SHARES).reshape(len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
+        return quantiles(values, SHARES).reshape(
+            len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
     return Comparison(
         disturbance=disturbance, levels=tuple(levels), frictions=frictions,
         figures={'settling': of(settling(study.tolerances[0]))}
