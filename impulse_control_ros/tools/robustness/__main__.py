@@ -5,4 +5,5 @@ import sys
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.robustness.command import main
 
-sys.exit(main(StopRequest(patience=1)))
+if __name__ == '__main__':
+    sys.exit(main(StopRequest(patience=1)))
