@@ -5,6 +5,7 @@ import re
 import pytest
 import yaml
 
+from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.law import Law, LAWS
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.experiment import read_experiment
@@ -42,8 +43,8 @@ def test_a_study_is_what_its_file_says(tmp_path):
     assert study.vary == {'F_c': Law(kind='uniform', arguments=(0, 1.5))}
     assert study.axis.x_0 == coulomb.plant_simulator.x_0
     assert study.axis.damping == coulomb.plant_simulator.damping
-    assert study.controller.flat() == {
-        name: value for name, value in coulomb.controller.flat().items() if name != 'joint_name'}
+    told = coulomb.controller.flat()
+    assert study.controller.flat() == {name: told[name] for name in Controller().flat()}
 
 
 def test_the_duration_is_that_of_the_experiment_where_none_is_given(tmp_path):
