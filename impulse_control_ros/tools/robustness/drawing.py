@@ -4,7 +4,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 
 from impulse_control_ros.tools.robustness.comparison import (
@@ -46,7 +46,7 @@ def picture(comparison: Comparison, duration: float) -> Figure:
                     values = np.where(np.isnan(values), 2.0 * duration, values)
                 curve(axes, comparison.levels, np.maximum(values, FLOOR[key]), number)
             axes.set_yscale('log')
-            axes.yaxis.set_minor_formatter(NullFormatter())
+        name_ticks(row[0])
     for axes, friction in zip(panels[0], frictions, strict=True):
         mark_never(axes, duration)
         if friction is not None:
@@ -71,12 +71,23 @@ def curve(axes: Axes, levels: tuple[float, ...], values: np.ndarray, number: int
               transform=axes.get_xaxis_transform())
 
 
+def name_ticks(axes: Axes) -> None:
+    """Name powers of ten alone, or more where they are too few."""
+    low, high = axes.get_ylim()
+    if high > 100.0 * low:
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        return
+    axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axes.yaxis.set_minor_formatter(lambda value, _: f'{value:g}')
+
+
 def mark_never(axes: Axes, duration: float) -> None:
     """Give those that do not settle a place above the ``duration`` [s] of a run."""
     axes.axhline(1.3 * duration, color='black', lw=0.6)
     axes.set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
                     ['0.02', '0.05', '0.1', '0.2', '0.5', '1', '2', '5', 'never'])
     axes.minorticks_off()
+    axes.set_ylim(top=2.7 * duration)
 
 
 def scale(axes: Axes, levels: tuple[float, ...]) -> None:
