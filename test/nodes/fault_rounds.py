@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 
+from mcap.records import Metadata
 import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -232,7 +233,7 @@ def assert_no_sample_is_lost(bag, steps):
                 states.append(np.unique(item.stamp))
             elif item.topic == '/joint_commands':
                 commands.append(np.unique(item.stamp))
-        elif item.name == 'recording':
+        elif isinstance(item, Metadata) and item.name == 'recording':
             receipt = item.metadata
     grid = START + np.arange(steps + 1) * STEP
     assert not np.setdiff1d(grid, np.concatenate(states), assume_unique=True).size
