@@ -34,8 +34,8 @@ class MujocoAxis(Node):
         self._state = JointState(
             name=[self._model.joint(i).name for i in range(self._model.njnt)])
         self._stamp = time_ns()
-        self._publisher = self.create_publisher(JointState, 'joint_states', 100)
-        self.create_subscription(JointState, 'joint_commands', self._on_command, 100)
+        self._publisher = self.create_publisher(JointState, 'joint_states', 1000)
+        self.create_subscription(JointState, 'joint_commands', self._on_command, 1000)
 
     def _on_command(self, command: JointState) -> None:
         for name, effort in zip(command.name, command.effort, strict=False):

@@ -30,6 +30,7 @@ FOREIGN, STATES, EVENTS, COMMANDS = range(-1, 3)
 Entry = tuple[int, int, bytes]
 Taken = tuple[bytes, Mapping[str, int]]  # as rclpy's take_message returns it
 KEPT = 100_000
+UNANSWERED = 10_000  # samples; the queue of a controller is shorter
 _STAMP = struct.Struct('<4sII')
 _NODE_AT = 12  # of rcl_interfaces/ParameterEvent: its second field, after a stamp
 _MARK = string(RESET_MARK)
@@ -169,7 +170,11 @@ class Timeline:
         return Verdict.FOREIGN if everything else Verdict.OPEN
 
     def take(self, everything: bool = False) -> list[Entry]:
-        """Return in order what is in its place for good: up to `reached`, or ``everything``."""
+        """
+        Return in order what is in its place for good, or ``everything``.
+
+        That is up to `reached`, and what is too old for an answer yet to come.
+        """
         self._place_unstamped(everything)
         self._waiting.sort(key=itemgetter(0, 1))
         ready, state = 0, self._last_state
@@ -178,6 +183,8 @@ class Timeline:
                 state = stamp
             elif index == COMMANDS and stamp == state:
                 ready, self.reached = number + 1, stamp
+            if stamp < self.newest - UNANSWERED * self.step_ns:
+                ready = number + 1
         if everything:
             ready = len(self._waiting)
         taken, self._waiting = self._waiting[:ready], self._waiting[ready:]
