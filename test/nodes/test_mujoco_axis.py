@@ -1,6 +1,7 @@
 """The controller on an axis that knows nothing of us: MuJoCo, in a process of its own."""
 
 from pathlib import Path
+import time
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.nodes.topics import SERIES_QOS, WINDOW
 from impulse_control_ros.tools.analyze.run import Run
-from test.conftest import ROOT
+from test.conftest import ROOT, wait_for
 
 EXAMPLE = ROOT / 'examples' / 'mujoco_axis'
 GIVEN = yaml.safe_load((EXAMPLE / 'axis.yaml').read_text())['/**/controller']['ros__parameters']
@@ -19,24 +20,25 @@ LIMIT, DEADBAND = GIVEN['effort_limit'], GIVEN['position_deadband']
 
 
 @pytest.fixture
-def run(graph, client):
-    """Return a function that runs the example until ``settled(position)``, for its bag."""
+def run(graph):
+    """Return a function that runs the example until it rests where it is ``settled``."""
     def made(settled, *more):
         bag = graph.folder / 'bag'
         options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
         recorder = graph.start('recorder', *options, f'bag:={bag}')
         # a loaded machine may keep the states away for long: the law's memory is to stay
         controller = graph.start('controller', *options, 'state_timeout:=0.0', *more)
-        states = client.listen('/joint_states', JointState)
         axis = graph.start('python', EXAMPLE / 'axis.py')
-        controller.says('answering /mujoco_axis')
+        recorder.says('recording into')
 
         def at_rest():
-            latest = [state.position[state.name.index('axis')] for state in states[-500:]]
-            return len(latest) == 500 and np.ptp(latest) < 1e-5 and settled(latest[-1])
-        client.spin_until(at_rest, 'an axis at rest')
+            # of the bag as far as it is written: one more subscriber is a load
+            positions = read(bag).states['position'][-500:]
+            return len(positions) == 500 and np.ptp(positions) < 1e-5 and settled(positions[-1])
+        wait_for(at_rest, 'an axis at rest', lambda: time.sleep(1.0))
         for process in (recorder, controller, axis):
             assert process.interrupt() == 0, process.output
+        assert 'answering /mujoco_axis' in controller.output
         assert 'of the axis' not in controller.output  # findings on what it does not know
         return graph, bag
     return made
