@@ -59,7 +59,9 @@ class Recording:
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
     ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units, nan for a velocity or
-    effort that was not measured; a state is ``marked`` where a run starts or is reset.
+    effort that was not measured; a state is ``marked`` where a run starts or is reset. Behind the
+    state of each stamp in ``withdrawn`` [ns] the controller took its effort away, as for want of
+    states, and began afresh.
     ``parameters`` at the start by node name and parameter name, and the ``changes`` to them in
     the order of time; ``version`` is that of the package that recorded them; ``receipt`` is what
     the recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty for a
@@ -69,6 +71,7 @@ class Recording:
 
     states: np.ndarray
     commands: np.ndarray
+    withdrawn: np.ndarray
     impulses: np.ndarray
     damping: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
@@ -180,6 +183,7 @@ class _Gathered:
         self._changes.sort(key=lambda change: (change.stamp, not change.anew))
         return Recording(
             states=states, commands=commands, impulses=impulses,
+            withdrawn=self._series['joint_commands'].unstamped,
             damping=np.concatenate(self._damping), parameters=self._parameters,
             changes=self._changes, version=self._version, receipt=self._receipt,
             unread=self._unread)
@@ -227,6 +231,7 @@ class Series:
         self._kind = kind
         self._rows = [np.zeros(0, kind)]
         self._times = [np.zeros(0, np.int64)]
+        self._unstamped = [np.zeros(0, np.int64)]
 
     def add(self, column: Column, joint: str) -> None:
         """Take the messages of ``joint`` whose place is that of their stamp."""
@@ -248,6 +253,7 @@ class Series:
                     rows['velocity'][at] = rows['effort'][at] = np.nan
                 for name, value in zip(self._names(layout), values, strict=True):
                     rows[name][at] = value[good]
+        self._unstamped.append(column.stamp[known & (rows['stamp'] == 0)])
         known &= rows['stamp'] == column.stamp
         self._rows.append(rows[known])
         self._times.append(column.time[known])
@@ -259,6 +265,11 @@ class Series:
     def _names(self, layout: JointStateLayout) -> Sequence[str]:
         """Return our names of the fields of a layout."""
         return self._measured if self._kind is IMPULSE else layout.fields
+
+    @property
+    def unstamped(self) -> np.ndarray:
+        """Return the places [ns] of the messages that tell no stamp of their own."""
+        return np.concatenate(self._unstamped)
 
     def in_order(self) -> np.ndarray:
         """Return the rows in the order of their log time."""

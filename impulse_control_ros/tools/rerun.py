@@ -85,6 +85,8 @@ def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
         axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
         first = next(histories(recording, PlantParameters, {}))[2]
     controllers, anew = {}, {0, *np.flatnonzero(marked).tolist()}
+    behind = np.searchsorted(stamps, recording.withdrawn, 'right')
+    anew |= set(behind[behind < len(stamps)].tolist())
     for at, fresh, controller in located(stamps, recording, ControllerParameters, overrides):
         controllers[at] = controller
         anew |= {at} if fresh else set()

@@ -267,3 +267,13 @@ def test_states_that_nobody_answers_do_not_wait_for_ever():
     assert entries[-1] == (START + last * STEP, COMMANDS, command(last))
     assert len(entries) == UNANSWERED + 2
     assert timeline.missing == 0
+
+
+def test_a_command_without_a_stamp_stands_behind_the_last_one_with():
+    zero = COMMAND.encode(0, 0, 0.0)
+    entries, timeline = recorded([
+        (STATES, [state(0), state(1), state(2)]), (COMMANDS, [command(0), command(1), zero]),
+        (COMMANDS, [command(2)])])
+    assert [(at - START) // STEP for at, index, raw in entries if index == COMMANDS] == [0, 1, 1, 2]
+    assert [raw for _, index, raw in entries if index == COMMANDS][2] == zero
+    assert timeline.missing == 0

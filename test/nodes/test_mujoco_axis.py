@@ -1,6 +1,7 @@
 """The controller on an axis that knows nothing of us: MuJoCo, in a process of its own."""
 
 from pathlib import Path
+import signal
 import time
 
 import numpy as np
@@ -26,8 +27,7 @@ def run(graph):
         bag = graph.folder / 'bag'
         options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
         recorder = graph.start('recorder', *options, f'bag:={bag}')
-        # a loaded machine may keep the states away for long: the law's memory is to stay
-        controller = graph.start('controller', *options, 'state_timeout:=0.0', *more)
+        controller = graph.start('controller', *options[:-1], *more)
         axis = graph.start('python', EXAMPLE / 'axis.py')
         recorder.says('recording into')
 
@@ -77,6 +77,27 @@ def test_without_impulses_it_sticks_where_the_spring_is_weaker_than_the_friction
     shown = graph.start('analyze', bag)
     assert shown.wait() == 0, shown.output
     assert shown.output.splitlines()[3].split()[-1] == 'never'
+
+
+def test_a_run_whose_states_stayed_away_for_a_while_replays_to_the_bit(graph):
+    bag = graph.folder / 'bag'
+    options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
+    recorder = graph.start('recorder', *options, f'bag:={bag}')
+    # without a dead band there are impulses to the end, whose pauses the memory counts
+    controller = graph.start('controller', *options, 'position_deadband:=0.0')
+    axis = graph.start('python', EXAMPLE / 'axis.py')
+    for process in (recorder, controller):
+        process.says('recording into' if process is recorder else 'answering')
+    wait_for(lambda: len(read(bag).impulses), 'impulses', lambda: time.sleep(1.0))
+    axis.send(signal.SIGSTOP)
+    controller.says('0 N is commanded')
+    axis.send(signal.SIGCONT)
+    controller.says('states are back')
+    for process in (recorder, controller, axis):
+        assert process.interrupt() == 0, process.output
+    recording = assert_sound(graph, bag)
+    assert len(recording.withdrawn)
+    assert np.isin(recording.withdrawn, recording.commands['stamp']).all()
 
 
 def test_a_recorder_keeps_no_more_of_a_plant_without_a_controller_than_it_needs(graph, client):
