@@ -9,6 +9,7 @@ TOOLS = ['analyze', 'export_bag', 'replay', 'sweep', 'paper_figures']
 # 300 MB that a robot does not need
 ANALYSIS = ['matplotlib>=3.8', 'pandas>=2.1', 'plotly>=6', 'pyarrow']
 DASK = ['distributed']
+EXAMPLES = ['mujoco']
 
 setup(
     name=PACKAGE,
@@ -34,12 +35,13 @@ setup(
         'ros': ROS,
         'analysis': ANALYSIS,
         'dask': DASK,
+        'examples': EXAMPLES,
         # what benchmarks/peers.py compares with
         'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
         'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'selenium',
                  'types-PyYAML', 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80',
-                 *ANALYSIS, *DASK],
+                 *ANALYSIS, *DASK, *EXAMPLES],
     },
     zip_safe=True,
     entry_points={'console_scripts': [

@@ -22,13 +22,14 @@ class Piece(NamedTuple):
     """
     What holds from sample ``first`` on.
 
-    The ``controller`` answers this sample, and the ``axis`` steps on from it. ``afresh`` tells
+    The ``controller`` answers this sample, and the ``axis``, None for an unknown one, steps on
+    from it. ``afresh`` tells
     that the controller's memory is empty before it; ``start`` is the axis whose start the state
     of this sample is, None where it follows from the sample before.
     """
 
     first: int
-    axis: Axis
+    axis: Axis | None
     controller: Controller
     afresh: bool
     start: Axis | None
@@ -85,7 +86,7 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
     """
     Return ``count`` states, as measured, and the answers: shape (count,), dtype STATE and ANSWER.
 
-    The first piece starts at sample 0, with a start.
+    The first piece starts at sample 0, with a start; each has an axis.
     """
     states, answers = np.zeros(count, STATE), np.zeros(count, ANSWER)
     state, hidden = np.zeros(1, STATE), at_rest()
@@ -96,6 +97,7 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
             real_step(*axis, state, hidden, answers[span.start - 1]['effort'])
         elif span.start:
             state['tick'] += 1
+        assert piece.axis
         axis = (*piece.axis.packed(), piece.axis.packed_hardware())
         if piece.start:
             state['position'], state['velocity'] = piece.start.x_0, piece.start.v_0

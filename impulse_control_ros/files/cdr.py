@@ -17,6 +17,7 @@ import numpy as np
 FIELDS = ('position', 'velocity', 'effort')
 WITHOUT_VELOCITY = ('position', 'effort')  # of a sensor that measures positions only
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
+_FRAME_ID_AT = 12  # behind the stamp
 # frame_id of the first state of a run, and of the first after a reset
 RESET_MARK = 'reset'
 
@@ -25,13 +26,16 @@ class JointStateLayout:
     """
     The layout for one joint: ``fields`` are filled with one value, the others left empty.
 
+    Where the message has other ``joints`` beside it, theirs are 0, and ignored in what is read.
     ``encode(sec, nanosec, *values)`` returns bytes; ``decode(raw)`` returns
     (sec, nanosec, *values), values in the order of ``fields``, or None when ``raw`` has another
     layout.
     """
 
-    def __init__(self, joint: str, frame_id: str = '', fields: Sequence[str] = FIELDS) -> None:
+    def __init__(self, joint: str, frame_id: str = '', fields: Sequence[str] = FIELDS,
+                 joints: Sequence[str] = ()) -> None:
         self.joint, self.frame_id, self.fields = joint, frame_id, tuple(fields)
+        self._joints = tuple(joints) or (joint,)
         self._message, self._mask = bytearray(), bytearray()
         self._format: list[str] = []
         self._pieces: list[Any] = []
@@ -73,17 +77,25 @@ class JointStateLayout:
         self._put_variable('I')
         self._put_variable('I')
         self._put_string(self.frame_id)
-        self._put_count(1)
-        self._put_string(self.joint)
+        self._put_count(len(self._joints))
+        for name in self._joints:
+            self._put_string(name)
         for field in FIELDS:
             filled = field in self.fields
-            self._put_count(int(filled))
+            self._put_count(len(self._joints) if filled else 0)
             if filled:
                 self._align(8)
-                self._put_variable('d')
+                self._put_values()
         trailer = bytes(self._message[self._written:])
         self._format.append(f'{len(trailer)}s')
         self._pieces.append(trailer)
+
+    def _put_values(self) -> None:
+        """Leave room for the value of the joint, among those of the others."""
+        at = self._joints.index(self.joint)
+        self._put(bytes(8 * at), constant=False)
+        self._put_variable('d')
+        self._put(bytes(8 * (len(self._joints) - at - 1)), constant=False)
 
     def encode(self, sec: int, nanosec: int, *values: float) -> bytes:
         """Return the message."""
@@ -98,7 +110,6 @@ class JointStateLayout:
                 int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):
             return None
         return self._read.unpack_from(raw)
-
 
     def decode_rows(self, rows: np.ndarray) -> list[np.ndarray]:
         """
@@ -115,6 +126,43 @@ class JointStateLayout:
         good = (front & mask == message).all(axis=1)
         return [good, *(front[:, at:at + np.dtype(code).itemsize].copy().view(code)[:, 0]
                         for at, code in self._at)]
+
+
+def layout_in(raw: bytes, joint: str) -> JointStateLayout | None:
+    """
+    Return the layout of any message of a ``joint``, alone or among others; None for no such one.
+
+    Each field is to be empty, or to have a value for each joint.
+    """
+    try:
+        frame_id, at = _string_at(raw, _FRAME_ID_AT)
+        count, at = _count_at(raw, at)
+        joints = []
+        for _ in range(count):
+            name, at = _string_at(raw, at)
+            joints.append(name)
+        filled = []
+        for field in FIELDS:
+            values, at = _count_at(raw, at)
+            if values:
+                at += (4 - at) % 8 + 8 * values
+                filled.append(field)
+    except (struct.error, UnicodeDecodeError):
+        return None
+    layout = JointStateLayout(joint, frame_id, filled, joints) if joint in joints else None
+    return layout if layout and layout.decode(raw) else None
+
+
+def _count_at(raw: bytes, at: int) -> tuple[int, int]:
+    """Return the count that stands at, or after, ``at``, and the end of it."""
+    at += -at % 4
+    return struct.unpack_from('<I', raw, at)[0], at + 4
+
+
+def _string_at(raw: bytes, at: int) -> tuple[str, int]:
+    """Return the string that stands at, or after, ``at``, and the end of it."""
+    size, at = _count_at(raw, at)
+    return raw[at:at + size - 1].decode(), at + size
 
 
 def string(text: str) -> bytes:

@@ -16,6 +16,7 @@ from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.parameter import (
     build,
+    declared,
     parameter,
     ParameterError,
     Parameters,
@@ -133,6 +134,8 @@ def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, A
 def axis_of(values: Mapping[str, Any]) -> Axis | None:
     """Return the axis of a plant's values by name; None for a plant that is none of ours."""
     ours = {name: value for name, value in values.items() if not is_foreign(name)}
+    if not ours.keys() >= {name for name, _, _ in declared(PlantParameters)}:
+        return None  # what it does not tell is not Table I
     try:
         return build(PlantParameters, ours)
     except ParameterError:

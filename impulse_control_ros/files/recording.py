@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,13 @@ import numpy as np
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
-from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, RESET_MARK, WITHOUT_VELOCITY
+from impulse_control_ros.files.cdr import (
+    FIELDS,
+    JointStateLayout,
+    layout_in,
+    RESET_MARK,
+    WITHOUT_VELOCITY,
+)
 from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
 
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
@@ -51,17 +58,20 @@ class Recording:
     What a bag holds of one joint.
 
     ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
-    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units, nan for a velocity that was
-    not measured; a state is ``marked`` where a run starts or is reset. ``parameters`` at the
-    start by node name and parameter name, and the ``changes`` to them in the order of time;
-    ``version`` is that of the package that recorded them; ``receipt`` is what the recorder says
-    at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut
-    off, of which ``unread`` bytes at the end are no whole record; None for a finished one. States
-    of other joints, or out of their time, are left out.
+    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units, nan for a velocity or
+    effort that was not measured; a state is ``marked`` where a run starts or is reset. Behind the
+    state of each stamp in ``withdrawn`` [ns] the controller took its effort away, as for want of
+    states, and began afresh.
+    ``parameters`` at the start by node name and parameter name, and the ``changes`` to them in
+    the order of time; ``version`` is that of the package that recorded them; ``receipt`` is what
+    the recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty for a
+    bag that was cut off, of which ``unread`` bytes at the end are no whole record; None for a
+    finished one. States of other joints, or out of their time, are left out.
     """
 
     states: np.ndarray
     commands: np.ndarray
+    withdrawn: np.ndarray
     impulses: np.ndarray
     damping: np.ndarray
     parameters: Mapping[str, Mapping[str, Any]]
@@ -173,6 +183,7 @@ class _Gathered:
         self._changes.sort(key=lambda change: (change.stamp, not change.anew))
         return Recording(
             states=states, commands=commands, impulses=impulses,
+            withdrawn=self._series['joint_commands'].unstamped,
             damping=np.concatenate(self._damping), parameters=self._parameters,
             changes=self._changes, version=self._version, receipt=self._receipt,
             unread=self._unread)
@@ -220,13 +231,15 @@ class Series:
         self._kind = kind
         self._rows = [np.zeros(0, kind)]
         self._times = [np.zeros(0, np.int64)]
+        self._unstamped = [np.zeros(0, np.int64)]
 
     def add(self, column: Column, joint: str) -> None:
         """Take the messages of ``joint`` whose place is that of their stamp."""
         rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
         layouts = layouts_of(self._kind, joint)
         for which, content in column.same_size():
-            for number, layout in enumerate(layouts):
+            others = others_in(content, joint, known, which) if self._kind is SAMPLE else ()
+            for number, layout in enumerate(chain(layouts, others)):
                 if known[which].all():
                     break
                 good, sec, nanosec, *values = layout.decode_rows(content)
@@ -237,9 +250,10 @@ class Series:
                     rows['guard'][at] = number
                 elif self._kind is SAMPLE:
                     rows['marked'][at] = layout.frame_id == RESET_MARK
-                    rows['velocity'][at] = np.nan
+                    rows['velocity'][at] = rows['effort'][at] = np.nan
                 for name, value in zip(self._names(layout), values, strict=True):
                     rows[name][at] = value[good]
+        self._unstamped.append(column.stamp[known & (rows['stamp'] == 0)])
         known &= rows['stamp'] == column.stamp
         self._rows.append(rows[known])
         self._times.append(column.time[known])
@@ -252,6 +266,11 @@ class Series:
         """Return our names of the fields of a layout."""
         return self._measured if self._kind is IMPULSE else layout.fields
 
+    @property
+    def unstamped(self) -> np.ndarray:
+        """Return the places [ns] of the messages that tell no stamp of their own."""
+        return np.concatenate(self._unstamped)
+
     def in_order(self) -> np.ndarray:
         """Return the rows in the order of their log time."""
         rows, times = np.concatenate(self._rows), np.concatenate(self._times)
@@ -259,6 +278,19 @@ class Series:
         if (times[1:] >= times[:-1]).all():
             return rows
         return rows[np.argsort(times, kind='stable')]
+
+
+def others_in(content: np.ndarray, joint: str, known: np.ndarray, which: np.ndarray
+              ) -> Iterator[JointStateLayout]:
+    """
+    Yield the layout of each state of ``joint`` that is not yet ``known`` when it is asked for.
+
+    ``content`` of shape (k, size) are the bytes of the messages ``which`` of those ``known``.
+    """
+    for message, place in zip(content, which, strict=True):
+        layout = None if known[place] else layout_in(message.tobytes(), joint)
+        if layout and 'position' in layout.fields:
+            yield layout
 
 
 @cache

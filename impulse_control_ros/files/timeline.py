@@ -9,7 +9,8 @@ word of its parameters, that of the first command after it. So a change of param
 the state with which it first acts: the controller answers this state, and the plant steps on from
 it, with the new ones. A message of the series with the same bytes as the one before it is a
 repeat and dropped. A message that comes too late for its place, or whose stamp is more than a
-second ahead of the states, takes the nearest place that is left.
+second ahead of the states, takes the nearest place that is left. A command without a stamp, which
+answers no state, stands behind the last one that does.
 
 Another run begins with a state that is marked as a start and does not follow the one before, or
 that goes back in time and is borne out: by the state one step after it, or by coming again. A
@@ -30,6 +31,7 @@ FOREIGN, STATES, EVENTS, COMMANDS = range(-1, 3)
 Entry = tuple[int, int, bytes]
 Taken = tuple[bytes, Mapping[str, int]]  # as rclpy's take_message returns it
 KEPT = 100_000
+UNANSWERED = 10_000  # samples; the queue of a controller is shorter
 _STAMP = struct.Struct('<4sII')
 _NODE_AT = 12  # of rcl_interfaces/ParameterEvent: its second field, after a stamp
 _MARK = string(RESET_MARK)
@@ -98,7 +100,7 @@ class Timeline:
         self._unstamped: list[tuple[int, int, bytes]] = []
         self._published = {STATES: Published(), COMMANDS: Published()}
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
-        self._last_state = 0
+        self._last_state = self._commanded = 0
         self._answered = self._met = False
 
     def add(self, index: int, messages: Sequence[Taken], everything: bool = False) -> int:
@@ -118,8 +120,10 @@ class Timeline:
             if raw == self._before[index]:
                 self.repeated += 1
                 continue
-            stamp = min(stamp_of(raw) or self.newest, latest)
-            if index == COMMANDS:
+            told = stamp_of(raw)
+            stamp = min(told or self._commanded or self.newest, latest)
+            if index == COMMANDS and told:
+                self._commanded = stamp
                 self._published[COMMANDS].add(info['source_timestamp'], stamp)
                 if info['publication_sequence_number'] == 1 and self._before[COMMANDS]:
                     self.begun.append(stamp)
@@ -169,7 +173,11 @@ class Timeline:
         return Verdict.FOREIGN if everything else Verdict.OPEN
 
     def take(self, everything: bool = False) -> list[Entry]:
-        """Return in order what is in its place for good: up to `reached`, or ``everything``."""
+        """
+        Return in order what is in its place for good, or ``everything``.
+
+        That is up to `reached`, and what is too old for an answer yet to come.
+        """
         self._place_unstamped(everything)
         self._waiting.sort(key=itemgetter(0, 1))
         ready, state = 0, self._last_state
@@ -178,6 +186,8 @@ class Timeline:
                 state = stamp
             elif index == COMMANDS and stamp == state:
                 ready, self.reached = number + 1, stamp
+            if stamp < self.newest - UNANSWERED * self.step_ns:
+                ready = number + 1
         if everything:
             ready = len(self._waiting)
         taken, self._waiting = self._waiting[:ready], self._waiting[ready:]

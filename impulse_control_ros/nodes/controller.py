@@ -338,7 +338,7 @@ class Controller(ManagedNode):
 
     def _command_zero(self) -> None:
         """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
-        self._memory = fresh_memory()
+        self._memory, self._watch = fresh_memory(), fresh_watch()
         self._commands.publish(self._command_layout.encode(0, 0, 0.0))
 
     def close(self) -> None:

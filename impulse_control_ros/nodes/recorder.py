@@ -56,6 +56,7 @@ from impulse_control_ros.nodes.topics import (
     RECORDER_PROGRESS,
     SERIES_QOS,
     SLOW_QOS,
+    WINDOW,
 )
 from impulse_control_ros.stop import StopRequest
 
@@ -158,6 +159,12 @@ class Recorder(ParameterNode):
                 return set()
             peers |= {(name, number) for number, name in ends.items()}
         return peers
+
+    def _forget_early_states(self) -> None:
+        """Keep the newest ones of a plant that runs without a controller: it may do so long."""
+        states, commands = (self.inboxes[subscription] for subscription in self._series)
+        if not commands:
+            del states[:-WINDOW]
 
     # -- the bag ----------------------------------------------------------------------------
 
@@ -271,6 +278,7 @@ class Recorder(ParameterNode):
         self._batch_at = now + BATCH_PERIOD
         self._ask_peers()
         if not self.bag:
+            self._forget_early_states()
             return BATCH_PERIOD
         if not self._drain() or self.bag.full:
             self._finish()

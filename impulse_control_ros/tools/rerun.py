@@ -19,6 +19,7 @@ from impulse_control_ros.files.experiment import (
 from impulse_control_ros.files.recording import COMMAND, DAMPING, IMPULSE, Recording, SAMPLE
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
+NEEDED = {'m', 'time_step', 'joint_name'}  # of a plant or controller of ours, in any version
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,15 +34,28 @@ class Rerun:
     changes: int
 
 
-def node_of(recording: Recording, kind: type[Parameters]) -> str:
-    """Return the node with the parameters ``kind``; raises `BagError` where there is none."""
+def known_node(recording: Recording, kind: type[Parameters]) -> str | None:
+    """Return the node with the parameters ``kind``; None where there is none of ours."""
     known = {name for name, _, _ in declared(kind)}
     for node, values in recording.parameters.items():
-        ours = {name for name in values if not is_foreign(name)}
-        if ours and ours <= known:
+        if NEEDED <= {name for name in values if not is_foreign(name)} <= known:
             return node
-    raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
-                   f'its nodes: {", ".join(recording.parameters) or "none"}')
+    return None
+
+
+def node_of(recording: Recording, kind: type[Parameters]) -> str:
+    """Return the node with the parameters ``kind``; raises `BagError` where there is none."""
+    node = known_node(recording, kind)
+    if node is None:
+        raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
+                       f'its nodes: {", ".join(recording.parameters) or "none"}')
+    return node
+
+
+def runs_freely(recording: Recording) -> bool:
+    """Tell whether the plant does not wait for commands, as one that is none of ours."""
+    plant = known_node(recording, PlantParameters)
+    return plant is None or not recording.parameters[plant]['lockstep']
 
 
 def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
@@ -66,13 +80,17 @@ def states_of(recording: Recording) -> np.ndarray:
 def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
               overrides: Mapping[str, Any]) -> list[Piece]:
     """Return the pieces of a run with samples at ``stamps``, ``marked`` where it is reset."""
-    axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
+    axes, first = {}, None
+    if known_node(recording, PlantParameters):
+        axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
+        first = next(histories(recording, PlantParameters, {}))[2]
     controllers, anew = {}, {0, *np.flatnonzero(marked).tolist()}
+    behind = np.searchsorted(stamps, recording.withdrawn, 'right')
+    anew |= set(behind[behind < len(stamps)].tolist())
     for at, fresh, controller in located(stamps, recording, ControllerParameters, overrides):
         controllers[at] = controller
         anew |= {at} if fresh else set()
-    first = next(histories(recording, PlantParameters, {}))[2]
-    require_agreement('the bag', first.flat(), controllers[0].flat())
+    require_agreement('the bag', first.flat() if first else {}, controllers[0].flat())
     axis, controller, pieces = first, controllers[0], []
     for at in sorted({*axes, *controllers, *anew}):
         before, axis = axis, axes.get(at, axis)
@@ -111,8 +129,7 @@ def answered_states(recording: Recording, overrides: Mapping[str, Any],
     # an answered state has a velocity, or an empty field that reads as nan
     seen = np.isfinite(states['position']) & (np.isfinite(states['velocity']) | (
         np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp'])))
-    plant = recording.parameters[node_of(recording, PlantParameters)]
-    if not plant['lockstep']:
+    if runs_freely(recording):
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
     pieces = pieces_of(recording, states['stamp'], states['marked'], overrides)

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
-from impulse_control_ros.files.cdr import encode_float64, encode_time, FIELDS, JointStateLayout
+from impulse_control_ros.files.cdr import (
+    encode_float64,
+    encode_time,
+    FIELDS,
+    JointStateLayout,
+    layout_in,
+)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -39,6 +45,39 @@ def test_another_library_reads_what_we_write_and_we_read_what_it_writes(
         sec, nanosec, frame_id, joint, dict(zip(filled, values, strict=True))), JOINT_STATE)
     assert layout.decode(bytes(theirs)) == (sec, nanosec, *values)
     assert layout.decode(raw) == (sec, nanosec, *values)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data(), st.lists(names, min_size=1, max_size=4, unique=True), names, fields)
+def test_a_joint_is_found_among_others_in_what_another_library_writes(
+        data, joints, frame_id, filled):
+    joint = data.draw(st.sampled_from(joints))
+    values = {field: data.draw(st.lists(st.floats(allow_nan=False), min_size=len(joints),
+                                        max_size=len(joints))) for field in filled}
+    message = joint_state(1, 2, frame_id, joint, {})
+    message.name = joints
+    for field in filled:
+        setattr(message, field, np.array(values[field]))
+    raw = bytes(STORE.serialize_cdr(message, JOINT_STATE))
+    layout = layout_in(raw, joint)
+    assert (layout.frame_id, layout.fields) == (frame_id, tuple(filled))
+    expected = (1, 2, *(values[field][joints.index(joint)] for field in filled))
+    assert layout.decode(raw) == expected
+    rows = np.frombuffer(raw, np.uint8)[np.newaxis]
+    assert [column[0] for column in layout.decode_rows(rows)] == [True, *expected]
+    assert layout_in(raw, joint + 'x' if joint + 'x' not in joints else 'x' * 50) is None
+
+
+@given(st.binary(max_size=200))
+def test_bytes_that_are_no_message_have_no_layout(raw):
+    assert layout_in(raw, 'axis') is None
+
+
+@pytest.mark.parametrize('length', [0, 3, 4, 12, 20, 60, 100])
+def test_a_message_of_several_joints_that_is_cut_off_has_no_layout(length):
+    whole = JointStateLayout('axis', joints=('lift', 'axis')).encode(1, 2, 0.5, 0.0, 1.0)
+    assert layout_in(whole, 'axis').decode(whole) == (1, 2, 0.5, 0.0, 1.0)
+    assert layout_in(whole[:length], 'axis') is None
 
 
 LAYOUT = JointStateLayout('axis')

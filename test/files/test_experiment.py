@@ -4,7 +4,13 @@ import pytest
 import yaml
 
 from impulse_control_ros.core.parameter import declared, ParameterError
-from impulse_control_ros.files.experiment import flattened, NODES, read_experiment
+from impulse_control_ros.files.experiment import (
+    axis_of,
+    flattened,
+    NODES,
+    PlantParameters,
+    read_experiment,
+)
 from test.conftest import CONFIG
 
 FILES = sorted(CONFIG.glob('*.yaml'))
@@ -94,3 +100,12 @@ def test_numbers_are_read_as_ros_reads_them(tmp_path):
     path.write_text('controller:\n  ros__parameters:\n    position_deadband: 1e-4\n    K: 12\n')
     controller = read_experiment(path).controller
     assert (controller.position_deadband, controller.K) == (1e-4, 12.0)
+
+
+@pytest.mark.parametrize('left_out', ['', 'm', 'F_c', 'damping.kind'])
+def test_only_a_plant_that_tells_all_has_an_axis(left_out):
+    told = PlantParameters(F_c=0.5).flat() | {'use_sim_time': False}
+    told.pop(left_out, None)
+    axis = axis_of(told)
+    assert axis is None if left_out else axis.F_c == 0.5
+    assert axis_of({'use_sim_time': False}) is None

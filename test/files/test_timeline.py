@@ -3,7 +3,14 @@
 from hypothesis import given, strategies as st
 
 from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
-from impulse_control_ros.files.timeline import COMMANDS, EVENTS, stamp_of, STATES, Timeline
+from impulse_control_ros.files.timeline import (
+    COMMANDS,
+    EVENTS,
+    stamp_of,
+    STATES,
+    Timeline,
+    UNANSWERED,
+)
 
 STEP, START = 100_000, 1_000_000_000
 EXTRA = 3
@@ -248,3 +255,25 @@ def test_states_before_the_first_command_are_not_missing_theirs():
 def test_a_message_too_short_for_a_stamp_is_kept():
     taken, _ = recorded([(STATES, [state(0)]), (COMMANDS, [b'\x00']), (COMMANDS, [command(0)])])
     assert len(taken) == 3
+
+
+def test_states_that_nobody_answers_do_not_wait_for_ever():
+    timeline = Timeline(STEP, 'axis')
+    timeline.add(STATES, sent(state(k) for k in range(3 * UNANSWERED)))
+    assert len(timeline.take()) == 2 * UNANSWERED - 1
+    last = 3 * UNANSWERED - 1
+    timeline.add(COMMANDS, sent([command(last)]))
+    entries = timeline.take()
+    assert entries[-1] == (START + last * STEP, COMMANDS, command(last))
+    assert len(entries) == UNANSWERED + 2
+    assert timeline.missing == 0
+
+
+def test_a_command_without_a_stamp_stands_behind_the_last_one_with():
+    zero = COMMAND.encode(0, 0, 0.0)
+    entries, timeline = recorded([
+        (STATES, [state(0), state(1), state(2)]), (COMMANDS, [command(0), command(1), zero]),
+        (COMMANDS, [command(2)])])
+    commands = [((at - START) // STEP, raw) for at, index, raw in entries if index == COMMANDS]
+    assert commands == [(0, command(0)), (1, command(1)), (1, zero), (2, command(2))]
+    assert timeline.missing == 0

@@ -86,8 +86,15 @@ class Run:
 
     @cached_property
     def applied(self) -> np.ndarray:
-        """Return the effort [N] from each state to the next, as the next one tells it, (n,)."""
-        return np.append(self.states['effort'][1:], 0.0)
+        """
+        Return the effort [N] from each state to the next, as the next one tells it, shape (n,).
+
+        Where it does not, it is what was commanded last.
+        """
+        applied, commands = np.append(self.states['effort'][1:], 0.0), self.recording.commands
+        last = np.searchsorted(commands['stamp'], self.states['stamp'], 'right')
+        held = np.insert(commands['effort'], 0, 0.0)[last]
+        return np.where(np.isnan(applied), held, applied)
 
     @cached_property
     def effort(self) -> np.ndarray:
@@ -132,12 +139,17 @@ class Run:
 
     @cached_property
     def responses(self) -> list[slice]:
-        """Return the spans of states from each change of x_r, or reset, to the next."""
+        """
+        Return the spans of states from each change of x_r, or reset, to the next.
+
+        The first begins with the first answered state: a plant may be there before a controller.
+        """
+        answered = self._places(self.recording.commands['stamp'][:1]).tolist() or [0]
         starts = set(np.flatnonzero(self.states['marked']).tolist())
         starts |= {after.first for before, after in pairwise(self.settings)
                    if before.values['x_r'] != after.values['x_r']}
-        inside = sorted(start for start in starts if 0 < start < len(self.states))
-        return [slice(*ends) for ends in pairwise([0, *inside, len(self.states)])]
+        inside = sorted(start for start in starts if answered[0] < start < len(self.states))
+        return [slice(*ends) for ends in pairwise([*answered, *inside, len(self.states)])]
 
     def _spans(self) -> list[tuple[slice, Mapping[str, float]]]:
         """Return each setting with its span of states."""
