@@ -117,16 +117,18 @@ class Timeline:
             return len(messages)
         latest = self.newest + SECOND if self.newest else 2**63
         for raw, info in messages:
+            told = stamp_of(raw)
+            stamp = min(told or self._commanded or self.newest, latest)
+            # the first command of a newcomer may be the last one of its predecessor again
+            if index == COMMANDS and self._before[COMMANDS] and (
+                    info['publication_sequence_number'] == 1):
+                self.begun.append(stamp)
             if raw == self._before[index]:
                 self.repeated += 1
                 continue
-            told = stamp_of(raw)
-            stamp = min(told or self._commanded or self.newest, latest)
             if index == COMMANDS and told:
                 self._commanded = stamp
                 self._published[COMMANDS].add(info['source_timestamp'], stamp)
-                if info['publication_sequence_number'] == 1 and self._before[COMMANDS]:
-                    self.begun.append(stamp)
             self._before[index] = raw
             self._waiting.append((stamp, index, raw))
         return len(messages)

@@ -346,7 +346,7 @@ class Controller(ManagedNode):
         if self.active:
             self.deactivated()
         for publisher in (self._events, self._commands):
-            publisher.wait_for_all_acked(Duration(seconds=1))
+            publisher.wait_for_all_acked(Duration(seconds=4))
 
 
 def main(stop: StopRequest) -> int:

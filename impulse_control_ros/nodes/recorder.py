@@ -84,7 +84,7 @@ class Recorder(ParameterNode):
         self._silent: set[str] = set()
         self._told: dict[str, dict[str, Any]] = {}
         self._came: set[str] = set()
-        self._newcomers: list[tuple[str, dict[str, Any]]] = []
+        self._newcomers: list[tuple[str, dict[str, Any], int]] = []
         self.inboxes: dict[Subscription, list[Taken]] = {}
         self.taken_directly = self.inboxes.keys()
         self._kinds: dict[Subscription, str] = {}
@@ -187,14 +187,14 @@ class Recorder(ParameterNode):
             return
         for node, values in asking.values.items():
             if node not in self._told:
-                self._add_newcomer(node, values)
+                self._add_newcomer(node, values, self._timeline.newest)
             elif node in self._came:
-                self._newcomers.append((node, values))
+                self._newcomers.append((node, values, self._timeline.newest))
         self._told |= asking.values
 
-    def _add_newcomer(self, node: str, values: dict[str, Any]) -> None:
-        """Add parameters with the stamp of the newcomer's first command, if it can be told."""
-        stamp = (self._timeline.begun or [self._timeline.newest]).pop(0)
+    def _add_newcomer(self, node: str, values: dict[str, Any], noticed: int) -> None:
+        """Add parameters with the stamp of the newcomer's first command, or when it was seen."""
+        stamp = (self._timeline.begun or [noticed]).pop(0)
         self._add_parameters(f'{node}:{stamp}', values)
 
     def _open(self, parameters: dict[str, dict[str, Any]]) -> None:

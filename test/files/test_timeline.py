@@ -170,6 +170,15 @@ def test_the_first_command_of_another_controller_in_mid_run_is_noticed():
     assert timeline.begun == [START + 3 * STEP, START + 5 * STEP]
 
 
+def test_a_newcomer_whose_first_command_repeats_its_predecessors_last_is_noticed():
+    timeline = Timeline(STEP, 'axis')
+    timeline.add(STATES, sent(state(k) for k in range(3)))
+    timeline.add(COMMANDS, [(command(k), {'source_timestamp': k, 'publication_sequence_number': n})
+                            for k, n in ((0, 1), (1, 2), (1, 1), (2, 2))])
+    assert timeline.begun == [START + STEP]
+    assert timeline.repeated == 1
+
+
 def runs(*messages, joint='axis', alone=True):
     """Return the number of states of each run that these states make, and of the foreign ones."""
     waiting, counts, foreign = list(messages), [], 0

@@ -184,7 +184,6 @@ BROKEN = {
     'empty': ({}, "without position of joint 'axis'"),
     'short': ({'name': ['elbow', 'axis'], 'position': [1.0], 'velocity': [1.0, 2.0]},
               "without position of joint 'axis'"),
-    'no velocity': ({'position': [1.0]}, "without velocity of joint 'axis'"),
     'wrong joint': ({'name': ['elbow'], 'position': [1.0], 'velocity': [0.0]},
                     "without joint 'axis'"),
     'no joint': ({'name': [], 'position': [1.0], 'velocity': [0.0]}, "without joint 'axis'"),

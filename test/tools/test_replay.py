@@ -106,8 +106,8 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     assert client.set('controller', x_r=-0.1).successful
     assert client.set('plant_simulator', F_c=1.5, real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
+    assert controller.interrupt() == 0  # it waits until all has arrived
     assert recorder.interrupt() == 0
-    assert controller.interrupt() == 0
     run = read(bag)
     assert len([change for change in run.changes if 'controller' in change.node]) >= 5
     assert sum(run.states['marked']) == 2
