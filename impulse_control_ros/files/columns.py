@@ -92,11 +92,12 @@ def columns(path: Path) -> Iterator[Item]:
         stream.seek(0)
         reader = make_reader(stream, validate_crcs=True)
         finished = ends_with_magic(stream)
+        if finished:
+            require_checksums(stream)
         summary = reader.get_summary() if finished else None
         if summary is None:
             yield from in_sequence(stream, finished)
             return
-        require_checksum(stream)
         yield from reader.iter_metadata()
         yield from summary.schemas.values()
         yield from summary.channels.values()
@@ -115,21 +116,32 @@ def ends_with_magic(stream: IO[bytes]) -> bool:
     return stream.read() == MAGIC
 
 
-def require_checksum(stream: IO[bytes]) -> None:
-    """Raise ValueError where the data section of a finished file is not what was written."""
-    stream.seek(-MAGIC_SIZE - FOOTER.size, os.SEEK_END)
-    summary_start, *_ = FOOTER.unpack(stream.read(FOOTER.size))
-    stream.seek(summary_start - DATA_END.size)
-    opcode, _, expected = DATA_END.unpack(stream.read(DATA_END.size))
-    if opcode != Opcode.DATA_END or not expected:
+def require_checksums(stream: IO[bytes]) -> None:
+    """Raise ValueError where a finished file is not what was written; a checksum of 0 is none."""
+    footer = stream.seek(-MAGIC_SIZE - FOOTER.size, os.SEEK_END)
+    summary_start, _, of_summary = FOOTER.unpack(stream.read(FOOTER.size))
+    if not summary_start:
         return
-    checksum, left = 0, stream.seek(summary_start - DATA_END.size)
-    stream.seek(0)
+    data_end = summary_start - DATA_END.size
+    if not MAGIC_SIZE <= data_end < footer:
+        raise ValueError('it is damaged: its footer leads nowhere')
+    stream.seek(data_end)
+    opcode, _, of_data = DATA_END.unpack(stream.read(DATA_END.size))
+    if opcode != Opcode.DATA_END:
+        raise ValueError('it is damaged: no end of data stands where its footer says')
+    for start, end, expected in ((summary_start, footer + FOOTER.size - 4, of_summary),
+                                 (0, data_end, of_data)):
+        if expected and checksum_of(stream, start, end) != expected:
+            raise ValueError('it is damaged: its checksum is another')
+
+
+def checksum_of(stream: IO[bytes], start: int, end: int) -> int:
+    """Return the CRC-32 of the bytes from ``start`` to ``end``."""
+    checksum, left = 0, end - stream.seek(start)
     while left:
         block = stream.read(min(left, BLOCK))
         checksum, left = zlib.crc32(block, checksum), left - len(block)
-    if checksum != expected:
-        raise ValueError('it is damaged: its checksum is another')
+    return checksum
 
 
 def in_sequence(stream: IO[bytes], finished: bool) -> Iterator[Item]:

@@ -214,12 +214,13 @@ class Timeline:
             published.forget()
 
     def _count_missing(self, entries: Sequence[Entry]) -> None:
-        for stamp, index, _ in entries:
+        for stamp, index, raw in entries:
             if index == STATES:
                 self.taken += 1
                 if self._last_state:
                     self.missing += max(0, (stamp - self._last_state) // self.step_ns - 1)
                 self.missing += self._met and not self._answered
+                self._met = self._met or raw[_MARK_AT] == _MARK
                 self._answered, self._last_state = False, stamp
             elif index == COMMANDS and stamp == self._last_state:
                 self._answered = self._met = True

@@ -65,7 +65,7 @@ class Player(ParameterNode):
         self._paused = options.start_paused
         self._published = 0
         self._time_at = 0.0
-        self._start_ns = start_of(self._path, set(self._topics), options.start_offset)
+        self._start_ns = start_of(self._path, set(self._topics), options.start_offset or 0.0)
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.get_logger().info(('paused: ' if self._paused else '') + f'{options.bag} from '
@@ -172,9 +172,12 @@ def message_class(kind: str) -> type:
 
 def qos_of(channel: Channel) -> QoSProfile:
     """Return the reliability and durability of the publisher that was recorded, queued deeply."""
-    offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
-    best_effort = offers[0].get('reliability') in ('best_effort', 2)
-    latched = offers[0].get('durability') in ('transient_local', 1)
+    try:
+        offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
+        best_effort = offers[0].get('reliability') in ('best_effort', 2)
+        latched = offers[0].get('durability') in ('transient_local', 1)
+    except (yaml.YAMLError, LookupError, TypeError, AttributeError):
+        raise BagError(f'offered_qos_profiles of {channel.topic} cannot be read') from None
     return QoSProfile(
         depth=SERIES_QOS.depth,
         reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort

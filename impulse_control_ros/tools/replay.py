@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     play = parser.add_argument_group('on the graph', 'ros2 param set /replay rate 2.0 tunes it, '
                                      'and the service ~/pause (std_srvs/SetBool) holds it')
     play.add_argument('--rate', type=float, help='bag seconds per wall second')
-    play.add_argument('--start-offset', metavar='S', type=float, default=0.0,
+    play.add_argument('--start-offset', metavar='S', type=float,
                       help='seconds of the bag to skip')
     play.add_argument('--loop', action='store_true', help='begin again at the end')
     play.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
@@ -56,7 +56,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='replay', description=DESCRIPTION)
     add_options(parser)
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = parser.parse_args(given[:(given + ['--ros-args']).index('--ros-args')])
+    ours = given[:(given + ['--ros-args']).index('--ros-args')]
+    options = parser.parse_args(ours)
     if not (options.controller or options.closed_loop):
         if options.params or options.overrides:
             parser.error('--params and -p are for --controller')
@@ -67,6 +68,10 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         return int(player.main(stop, DESCRIPTION, add_options))
     if options.closed_loop and (options.params or options.overrides):
         parser.error('--params and -p are for --controller')
+    if ours != given or options.loop or options.start_paused or options.topics or any(
+            value is not None for value in (options.rate, options.start_offset, options.clock)):
+        parser.error('ROS arguments, and those for playing on the graph, are not for '
+                     '--controller and --closed-loop')
 
     from impulse_control_ros.core.parameter import ParameterError
     from impulse_control_ros.files.columns import BagError
@@ -74,7 +79,10 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         lines, same = compared(options)
     except (BagError, ParameterError) as error:
         return leave(error, 2)
-    print('\n'.join(lines))
+    try:
+        print('\n'.join(lines), flush=True)
+    except OSError as error:
+        return leave(f'the result cannot be written: {error.strerror}', 1)
     return 0 if same else 1
 
 
@@ -94,7 +102,10 @@ def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
         name, given, value = rule.partition(':=')
         if not given:
             raise ParameterError(f'-p {rule} is refused: allowed is NAME:=VALUE')
-        values[name] = yaml.safe_load(value)
+        try:
+            values[name] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise ParameterError(f'-p {rule} is refused: allowed is a value in YAML') from None
     return values
 
 
@@ -114,9 +125,16 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     except BagError as error:
         raise BagError(f'{options.bag}: {error}') from None
     found = {topic: difference(*pair) for topic, pair in rerun.pairs.items()}
-    identical = same(found)
+    commands = found['joint_commands']
+    if not len(commands.common):
+        raise BagError(f'{options.bag}: no command in it answers one of its states')
+    # what a finished bag lacks without having said so
+    told = int(recording.receipt.get('missing', len(commands.new)))
+    identical = same(found) and len(commands.new) <= told
+    lacks = f' of the bag is the same, to the bit; {len(commands.new)} commands are not in it'
     return [
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
         *(f'with {name} = {value!r}' for name, value in overrides.items()),
         *lines_of(found),
-        'every message is the same, to the bit' if identical else 'it differs'], identical
+        'it differs' if not identical else 'every message'
+        + (lacks if len(commands.new) else ' is the same, to the bit')], identical

@@ -261,6 +261,12 @@ def test_states_before_the_first_command_are_not_missing_theirs():
     assert timeline.missing == 0
 
 
+def test_from_the_start_of_a_run_on_states_miss_their_commands():
+    _, timeline = recorded([(STATES, [marked(0), *(state(k) for k in range(1, 10))]),
+                            (COMMANDS, [command(k) for k in range(4, 10)])])
+    assert timeline.missing == 4
+
+
 def test_a_message_too_short_for_a_stamp_is_kept():
     taken, _ = recorded([(STATES, [state(0)]), (COMMANDS, [b'\x00']), (COMMANDS, [command(0)])])
     assert len(taken) == 3

@@ -165,6 +165,7 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
             ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0 is refused: allowed is > 0'),
             ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
             ((bag, '--controller', '-p', 'K'), 'allowed is NAME:=VALUE'),
+            ((bag, '--controller', '-p', 'K:=['), 'allowed is a value in YAML'),
             ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001 is refused'),
             ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
             ((free, '--closed-loop'), 'lockstep: false'),
@@ -204,6 +205,24 @@ def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path,
         count = int(said.out.split(f'{cut}: ')[1].split()[0])
         assert 2000 < count < 10_001
         assert f'joint_commands  {count:>9} compared, 0 differ' in said.out
+
+
+@pytest.mark.parametrize('other', [['--rate', '2'], ['--loop'], ['--start-offset', '0'],
+                                   ['--ros-args', '-p', 'K:=3']])
+def test_what_is_for_playing_is_refused_where_nothing_is_played(tmp_path, capsys, other):
+    for how in ('--controller', '--closed-loop'):
+        with pytest.raises(SystemExit) as left:
+            main(StopRequest(), [str(tmp_path), how, *other])
+        assert left.value.code == 2
+        assert 'are not for --controller' in capsys.readouterr().err
+
+
+def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
+    bag = simulated(tmp_path / 'run', 'underdamped', 0.1)[0]
+    without = rewritten(bag, tmp_path / 'without', lambda topic, number, raw: (
+        raw if topic == '/joint_states' else raw[:8]))
+    assert main(StopRequest(), [str(without), '--controller']) == 2
+    assert 'no command in it answers one of its states' in capsys.readouterr().err
 
 
 def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, record):

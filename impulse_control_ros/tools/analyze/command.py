@@ -73,6 +73,8 @@ def require_writable(name: str, path: Path | None, suffixes: tuple[str, ...], pa
 
 def runs_of(bags: Sequence[Path]) -> Iterator[Run]:
     """Read the bags; warns of what is not in them, and raises `UsageError` for what is none."""
+    import numpy as np
+
     from impulse_control_ros.files.columns import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.analyze.run import Run, settings_of
@@ -88,9 +90,13 @@ def runs_of(bags: Sequence[Path]) -> Iterator[Run]:
         run = Run(name=name if names[name] == 1 else str(bag), path=bag, recording=recording)
         if recording.unread is not None:
             warn_of_cut(run)
-        if len(recording.states) < 2:
-            raise UsageError(f'{bag}: there are {len(recording.states)} states in it; 2 are '
-                             'needed')
+        if len(recording.states) < 2 or not np.ptp(recording.states['stamp']):
+            raise UsageError(f'{bag}: there are {len(recording.states)} states in it; 2 with '
+                             'different stamps are needed')
+        missing = int(recording.receipt.get('missing', 0))
+        if missing:
+            warn(f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
+                 'them')
         if not settings_of(recording):
             warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
