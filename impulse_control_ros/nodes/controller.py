@@ -184,6 +184,9 @@ class Controller(ManagedNode):
             self._look_at = now + LOOK_PERIOD
             others = [name for number, name in publishers(self, JOINT_COMMANDS).items()
                       if number not in self._own]
+            if others and not all(others):
+                self._look_at = 0.0  # until discovery tells the name
+                return True
             if others and not self._stands_by:
                 self.get_logger().warning(
                     f'{" and ".join(others)} is another controller of {self.states.topic_name}: '
