@@ -33,7 +33,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from impulse_control_ros.core.damping import Damping, damping_at
+from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.hardware import (
     Actuator,
     Disturbance,
@@ -205,18 +205,3 @@ def long_step(position, velocity, effort, damping, m, friction, duration):
         return position, 0.0
     push = effort - friction if effort > 0.0 else effort + friction
     return moved(position, 0.0, push / m, rate, duration)
-
-
-@compiled
-def plant_step(axis, damping, state, effort):
-    """
-    Advance the state by one sample under ``effort`` [N], in place.
-
-    All are arrays of shape (1,), the form that the plant node has.
-    """
-    now, axle = state[0], axis[0]
-    now.damping, now.noise = damping_at(damping[0], now.noise, now.tick)
-    now.position, now.velocity = axis_step(
-        now.position, now.velocity, effort, now.damping, axle.m, axle.F_c, axle.time_step)
-    now.effort = effort
-    now.tick += 1

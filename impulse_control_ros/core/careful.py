@@ -82,6 +82,11 @@ def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
     return care
 
 
+def packed_law(controller: Controller) -> tuple[np.ndarray, np.ndarray]:
+    """Return the kernels' view of a controller, gains and care: shape (1,), GAINS and CARE."""
+    return controller.packed(), packed_care(controller.flat(), 1)
+
+
 def is_plain(controller: Controller) -> bool:
     """Tell whether `answered` is all that the controller needs; else it is this file's law."""
     return bool(OPTIONS(controller) == ALL_OFF)

@@ -1,13 +1,15 @@
 """
 The plant as its controller sees it: the axis behind its sensor and its actuator.
 
-Where all of core/hardware.py is off and friction is Coulomb's, `core/axis.plant_step` does the
-same, to the same bits, at less cost; `Axis.is_ideal` says which of the two is to be used.
+Where all of core/hardware.py is off and friction is Coulomb's, `axis_step` after `damping_at`
+does the same, to the same bits, at less cost; `Axis.is_ideal` says where that will do.
 """
 
-from impulse_control_ros.core.axis import axis_step
+import numpy as np
+
+from impulse_control_ros.core.axis import Axis, axis_step
 from impulse_control_ros.core.damping import damping_at
-from impulse_control_ros.core.hardware import actuate, disturb, measure
+from impulse_control_ros.core.hardware import actuate, at_rest, disturb, measure
 from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.stribeck import stribeck_step
 
@@ -40,3 +42,16 @@ def real_step(axis, profile, hardware, state, hidden, command):
             now.position, now.velocity, force, now.damping, m, axle.F_c, axle.time_step)
     now.tick += 1
     sense(axis, hardware, state, hidden)
+
+
+def put_to_start(axis: Axis, state: np.ndarray) -> np.ndarray:
+    """
+    Put ``state`` to the start of ``axis``, and return the memory of its hardware there.
+
+    Both have shape (1,), dtypes STATE and HIDDEN. Tick and noise stay: time goes on.
+    """
+    start, hidden = axis.start(), at_rest()
+    for name in ('position', 'velocity', 'effort'):
+        state[name] = start[name]
+    sense(axis.packed_axis(), axis.packed_hardware(), state, hidden)
+    return hidden

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.axis import Axis, STATE
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
 from impulse_control_ros.core.hardware import at_rest
 from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
 from impulse_control_ros.core.kernel import compiled
-from impulse_control_ros.core.plant import real_step, sense
+from impulse_control_ros.core.plant import put_to_start, real_step
 
 
 class Piece(NamedTuple):
@@ -54,11 +54,6 @@ def close_loop(axis, profile, hardware, state, hidden, memory, watch, gains, car
         states[k].position, states[k].velocity = seen.position, seen.velocity
         control_carefully(memory, watch, gains, care, seen.position, seen.velocity,
                           answers[k:k + 1])
-
-
-def packed_law(controller: Controller) -> tuple[np.ndarray, np.ndarray]:
-    """Return the kernels' view of a controller: gains and care."""
-    return controller.packed(), packed_care(controller.flat(), 1)
 
 
 def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
@@ -100,11 +95,7 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
         assert piece.axis
         axis = (*piece.axis.packed(), piece.axis.packed_hardware())
         if piece.start:
-            state['position'], state['velocity'] = piece.start.x_0, piece.start.v_0
-            state['effort'] = 0.0
-            hidden = at_rest()
-            start = piece.start
-            sense(start.packed_axis(), start.packed_hardware(), state, hidden)
+            hidden = put_to_start(piece.start, state)
         if piece.afresh:
             memory, watch = fresh_memory(), fresh_watch()
         close_loop(*axis, state, hidden, memory, watch, *packed_law(piece.controller),

@@ -14,7 +14,7 @@ from impulse_control_ros.core.careful import (
     control_carefully,
     fresh_watch,
     is_plain,
-    packed_care,
+    packed_law,
 )
 from impulse_control_ros.core.damping import damping_at
 from impulse_control_ros.core.hardware import at_rest
@@ -159,8 +159,8 @@ def made_really(axis: Axis, controller: Controller, steps: int) -> Made:
     states, measured = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
     commands, felt = np.empty((steps + 1, 4)), np.empty((steps, 2))
     real_loop(*axis.packed(), axis.packed_hardware(), axis.start(), at_rest(),
-              controller.packed(), packed_care(controller.flat(), 1), fresh_memory(),
-              fresh_watch(), np.zeros(1, ANSWER), states, measured, commands, felt)
+              *packed_law(controller), fresh_memory(), fresh_watch(), np.zeros(1, ANSWER),
+              states, measured, commands, felt)
     (position, velocity), (effort, area, guard, taken) = states.T.copy(), commands.T.copy()
     damping, applied = felt.T.copy()
     return {'position': position, 'velocity': velocity, 'effort': effort, 'damping': damping,

@@ -30,7 +30,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
+from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
 from impulse_control_ros.core.design import Finding, findings, Level
 from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS, NO_IMPULSE
 from impulse_control_ros.core.kernel import machine_code
@@ -219,8 +219,7 @@ class Controller(ManagedNode):
         self._warn()
 
     def _pack(self) -> None:
-        self._packed = self.parameters.packed()
-        self._care = packed_care(self.parameters.flat(), 1)
+        self._packed, self._care = packed_law(self.parameters)
         self._largest = self.parameters.effort_limit or sys.float_info.max
 
     def _on_setpoint(self, message: Float64) -> None:

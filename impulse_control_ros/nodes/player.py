@@ -16,7 +16,6 @@ from pathlib import Path
 from time import monotonic
 
 from mcap.records import Channel, Schema
-import numpy as np
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -56,7 +55,8 @@ class Player(ParameterNode):
         super().__init__('replay', PlayerParameters, parameter_overrides=[
             Parameter(name, value=value) for name, value in given.items() if value is not None])
         self._path = storage_file(options.bag)
-        self._topics = chosen(self._path, options.topics)
+        found, spans = surveyed(self._path)
+        self._topics = chosen(found, options.topics)
         self._outputs = {name: self.create_publisher(message_class(kind), name, qos)
                          for name, (kind, qos) in self._topics.items()}
         self._time = (None if CLOCK in self._outputs
@@ -65,7 +65,11 @@ class Player(ParameterNode):
         self._paused = options.start_paused
         self._published = 0
         self._time_at = 0.0
-        self._start_ns = start_of(self._path, set(self._topics), options.start_offset or 0.0)
+        heard = [spans[name] for name in self._topics if name in spans]
+        if not heard:
+            raise BagError(f'{self._path}: no message on '
+                           f'{", ".join(sorted(self._topics)) or "any topic"}')
+        self._start_ns = start_of(heard, options.start_offset or 0.0)
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.get_logger().info(('paused: ' if self._paused else '') + f'{options.bag} from '
@@ -139,19 +143,33 @@ class Player(ParameterNode):
             output.wait_for_all_acked(Duration(seconds=1))
 
 
-def chosen(path: Path, wanted: Sequence[str] | None) -> dict[str, tuple[str, QoSProfile]]:
-    """
-    Return type and quality of service of the topics ``wanted``, or of all but /parameter_events.
+Offers = dict[str, tuple[str, QoSProfile]]
+Spans = dict[str, tuple[int, int]]
 
-    Raises `ParameterError` for a topic that is not in the bag.
-    """
+
+def surveyed(path: Path) -> tuple[Offers, Spans]:
+    """Return, by topic, type and quality of service, and the first and last log time [ns]."""
     kinds: dict[int, str] = {}
-    found: dict[str, tuple[str, QoSProfile]] = {}
+    found: Offers = {}
+    spans: Spans = {}
     for item in columns(path):
         if isinstance(item, Schema):
             kinds[item.id] = item.name
         elif isinstance(item, Channel):
             found[item.topic] = kinds.get(item.schema_id, ''), qos_of(item)
+        elif isinstance(item, Column):
+            first, last = int(item.time.min()), int(item.time.max())
+            before = spans.get(item.topic, (first, last))
+            spans[item.topic] = min(before[0], first), max(before[1], last)
+    return found, spans
+
+
+def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
+    """
+    Return the topics ``wanted`` of those ``found``, or all but /parameter_events.
+
+    Raises `ParameterError` for a topic that is not in the bag.
+    """
     if wanted is None:
         return {name: value for name, value in found.items() if name != '/parameter_events'}
     names = [f'/{name.lstrip("/")}' for name in wanted]
@@ -186,13 +204,9 @@ def qos_of(channel: Channel) -> QoSProfile:
                     else DurabilityPolicy.VOLATILE))
 
 
-def start_of(path: Path, topics: set[str], offset: float) -> int:
-    """Return the log time [ns] at which to start; raises `BagError` and `ParameterError`."""
-    times = [column.time for column in columns(path)
-             if isinstance(column, Column) and column.topic in topics]
-    if not times:
-        raise BagError(f'{path}: no message on {", ".join(sorted(topics)) or "any topic"}')
-    first, last = int(min(map(np.min, times))), int(max(map(np.max, times)))
+def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
+    """Return the log time [ns] at which to start; raises `ParameterError` for the offset."""
+    first, last = min(first for first, _ in spans), max(last for _, last in spans)
     if not 0.0 <= offset <= (last - first) / SECOND:
         raise refusal('--start-offset', offset, f'[0, {(last - first) / SECOND:g}] [s]')
     return first + round(offset * SECOND)

@@ -5,7 +5,7 @@ from typing import Any
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.hardware import at_rest
 from impulse_control_ros.core.kernel import machine_code
-from impulse_control_ros.core.plant import real_step, sense
+from impulse_control_ros.core.plant import put_to_start, real_step
 
 
 class SimulatedAxis:
@@ -30,20 +30,16 @@ class SimulatedAxis:
     def start(self) -> None:
         """Put the axis to its start, at tick 0."""
         self._state = self._parameters.start()
-        self._measure_anew()
+        self._begin()
 
     def reset(self) -> None:
         """Make one sample in which the axis comes back to its start; noise and time go on."""
-        state, start = self._state, self._parameters.start()
-        state['tick'] += 1
-        for name in ('position', 'velocity', 'effort'):
-            state[name] = start[name]
-        self._measure_anew()
+        self._state['tick'] += 1
+        self._begin()
 
-    def _measure_anew(self) -> None:
-        self._hidden = at_rest()
+    def _begin(self) -> None:
+        self._hidden = put_to_start(self._parameters, self._state)
         self._measured = self._hidden.view('f8')[:2]  # a view is read faster than two fields
-        sense(self._axis, self._hardware, self._state, self._hidden)
 
     def step(self, command: float) -> None:
         """Make one sample under ``command`` [N]."""

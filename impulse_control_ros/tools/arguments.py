@@ -1,6 +1,7 @@
-"""Command lines that are refused in one line."""
+"""Command lines that are refused, and left, in one line."""
 
 import argparse
+import sys
 
 
 class UsageError(Exception):
@@ -13,3 +14,9 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> None:  # type: ignore[override]
         """Raise `UsageError`."""
         raise UsageError(f'{message} (see --help)')
+
+
+def ended(name: str, why: object, status: int) -> int:
+    """Say why the executable ``name`` ends; returns ``status``."""
+    print(f'{name}: {why}', file=sys.stderr)
+    return status

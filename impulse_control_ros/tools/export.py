@@ -2,9 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 import sys
 
+from impulse_control_ros.tools.arguments import ended
+
+leave = partial(ended, 'export_bag')
 EPILOG = """\
 The table has a row for each sample: time, stamp_ns, position, velocity, effort (applied), command,
 impulse_area, guard, damping, marked (a run starts, or is reset); docs/bags.md explains them. A
@@ -59,9 +63,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
               'read', file=sys.stderr)
     print(f'export_bag: {file} has {rows} rows')
     return 0
-
-
-def leave(why: object, status: int) -> int:
-    """Say why it ends; returns ``status``."""
-    print(f'export_bag: {why}', file=sys.stderr)
-    return status

@@ -6,6 +6,7 @@ The messages are published by nodes/player.py, which alone needs ROS.
 
 import argparse
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 import sys
@@ -14,7 +15,9 @@ from typing import Any
 import yaml
 
 from impulse_control_ros.stop import StopRequest
+from impulse_control_ros.tools.arguments import ended
 
+leave = partial(ended, 'replay')
 DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
 COMPARED = """\
 The last two print what differs, bit by bit, and exit with 1 where anything does."""
@@ -84,12 +87,6 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return leave(f'the result cannot be written: {error.strerror}', 1)
     return 0 if same else 1
-
-
-def leave(why: object, status: int) -> int:
-    """Say why it ends; returns ``status``."""
-    print(f'replay: {why}', file=sys.stderr)
-    return status
 
 
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:

@@ -7,18 +7,20 @@ What a study needs is imported late, so that --help and a bad command line answe
 import argparse
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
-import sys
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from impulse_control_ros.stop import StopRequest
+from impulse_control_ros.tools.arguments import ended
 
 if TYPE_CHECKING:
     from impulse_control_ros.core.study import Study
     from impulse_control_ros.files.sweep_folder import SweepFolder
     from impulse_control_ros.tools.sweep_workers import Workers
 
+leave = partial(ended, 'sweep')
 EPILOG = """\
 The folder gets runs.parquet, a row for each run, and pictures. A sweep that was ended goes on
 with the same command; a finished one shows its summary again. docs/sweep.md has the YAML."""
@@ -59,12 +61,6 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         return leave(error, 2)
     except (SweepError, OSError) as error:
         return leave(error, 1)
-
-
-def leave(why: object, status: int) -> int:
-    """Say why it ends; returns ``status``."""
-    print(f'sweep: {why}', file=sys.stderr)
-    return status
 
 
 def run(options: argparse.Namespace, stop: StopRequest) -> int:

@@ -1,7 +1,6 @@
 """A figure of recorded runs for print: over time on the left, in the phase plane on the right."""
 
 from collections.abc import Sequence
-from io import BytesIO
 from typing import Any
 
 from matplotlib import rc_context
@@ -12,7 +11,7 @@ import numpy as np
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.tools.analyze.run import Run
-from impulse_control_ros.tools.paper.command import FORMATS, PRINT_DPI
+from impulse_control_ros.tools.paper.command import PRINT_DPI, saved
 from impulse_control_ros.tools.paper.drawing import phase_plane, STYLE, TIME, VELOCITY, WIDTH
 
 COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
@@ -29,10 +28,8 @@ CLOSE = 0.01  # share of the largest error that is near the origin
 
 def figure(runs: Sequence[Run], suffix: str) -> bytes:
     """Return the content of a file; the same runs give the same bytes."""
-    content = BytesIO()
     with rc_context({**STYLE, 'agg.path.chunksize': 20_000}):
-        drawn(runs).savefig(content, format=suffix, dpi=PRINT_DPI, metadata=FORMATS[suffix])
-    return content.getvalue()
+        return saved(drawn(runs), suffix, PRINT_DPI)
 
 
 def drawn(runs: Sequence[Run]) -> Figure:
