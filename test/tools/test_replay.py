@@ -217,6 +217,19 @@ def test_what_is_for_playing_is_refused_where_nothing_is_played(tmp_path, capsys
         assert 'are not for --controller' in capsys.readouterr().err
 
 
+def test_a_bag_lacks_no_command_unsaid_but_that_of_the_state_it_ends_with(tmp_path, capsys):
+    bag, last = simulated(tmp_path / 'run', 'underdamped', 0.1)[0], 1000
+    for number, expected in ((last, 0), (last - 1, 1)):
+        def cut_short(topic, at, raw, gone=('/joint_commands', number)):
+            return raw[:8] if (topic, at) == gone else raw
+        without = rewritten(bag, tmp_path / f'without_{number}', cut_short)
+        for how in ('--controller', '--closed-loop'):
+            assert main(StopRequest(), [str(without), how]) == expected
+            said = capsys.readouterr().out
+            assert '1 only replayed' in said
+            assert ('every message is the same, to the bit' in said) == (expected == 0)
+
+
 def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
     bag = simulated(tmp_path / 'run', 'underdamped', 0.1)[0]
     without = rewritten(bag, tmp_path / 'without', lambda topic, number, raw: (
