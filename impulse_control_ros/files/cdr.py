@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 FIELDS = ('position', 'velocity', 'effort')
+COMMANDED = ('effort',)
 WITHOUT_VELOCITY = ('position', 'effort')  # of a sensor that measures positions only
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
 _FRAME_ID_AT = 12  # behind the stamp

@@ -16,6 +16,7 @@ from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
 from impulse_control_ros.files.cdr import (
+    COMMANDED,
     FIELDS,
     JointStateLayout,
     layout_in,
@@ -299,6 +300,6 @@ def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
     if kind is IMPULSE:
         return [JointStateLayout(joint, guard) for guard in GUARDS]
     if kind is COMMAND:
-        return [JointStateLayout(joint, '', ('effort',))]
+        return [JointStateLayout(joint, guard, COMMANDED) for guard in GUARDS]
     return [JointStateLayout(joint, mark, fields) for fields in (FIELDS, WITHOUT_VELOCITY)
             for mark in ('', RESET_MARK)]

@@ -10,7 +10,8 @@ the state with which it first acts: the controller answers this state, and the p
 it, with the new ones. A message of the series with the same bytes as the one before it is a
 repeat and dropped. A message that comes too late for its place, or whose stamp is more than a
 second ahead of the states, takes the nearest place that is left. A command without a stamp, which
-answers no state, stands behind the last one that does.
+answers no state, stands behind the last one that does. A command that names a guard tells of an
+impulse event, which may arrive after it: it is awaited, until a later one is there.
 
 Another run begins with a state that is marked as a start and does not follow the one before, or
 that goes back in time and is borne out: by the state one step after it, or by coming again. A
@@ -24,6 +25,7 @@ from enum import auto, Enum
 from operator import itemgetter
 import struct
 
+from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR, RESET_MARK, string
 
@@ -35,6 +37,7 @@ UNANSWERED = 10_000  # samples; the queue of a controller is shorter
 _STAMP = struct.Struct('<4sII')
 _NODE_AT = 12  # of rcl_interfaces/ParameterEvent: its second field, after a stamp
 _MARK = string(RESET_MARK)
+_FIRED = tuple(string(guard) for guard in GUARDS if guard)
 _MARK_AT = slice(_STAMP.size, _STAMP.size + len(_MARK))
 
 
@@ -77,19 +80,21 @@ class Timeline:
 
     ``alone`` tells whether no second plant publishes states; ``controller`` is the full name of
     the node that answers them.
-    ``missing`` counts samples without their state, and states without their command, behind the
-    first answered state; ``repeated`` the dropped messages; ``foreign`` the states that are not
-    of the series; ``taken`` the states that have been taken; ``newest`` is the stamp [ns] of the
-    newest state, ``reached`` of the last one whose command is there too, 0 before; ``begun`` has
-    the stamp of the first command of each controller that came in mid-run, where the middleware
-    numbers the messages of a writer. ``over`` tells that the next state is the first of another
-    run.
+
+    ``missing`` counts samples without their state, states without their command behind the first
+    answered one, and commands without the event that they tell of; ``repeated`` the dropped
+    messages; ``foreign`` the states that are not of the series; ``taken`` the states that have
+    been taken. ``newest`` is the stamp [ns] of the newest state, ``reached`` of the last one
+    whose command is there too, 0 before, ``awaited`` of the first command that waits for its
+    event, 0 for none. ``begun`` has the stamp of the first command of each controller that came
+    in mid-run, where the middleware numbers the messages of a writer. ``over`` tells that the
+    next state is the first of another run.
     """
 
     def __init__(self, step_ns: int, joint: str = '', alone: Callable[[], bool] = lambda: True,
                  controller: str = '') -> None:
         self.missing = self.repeated = self.foreign = self.taken = 0
-        self.newest = self.reached = 0
+        self.newest = self.reached = self.awaited = 0
         self.begun: list[int] = []
         self.over = False
         self.step_ns = step_ns
@@ -100,7 +105,8 @@ class Timeline:
         self._unstamped: list[tuple[int, int, bytes]] = []
         self._published = {STATES: Published(), COMMANDS: Published()}
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
-        self._last_state = self._commanded = 0
+        self._last_state = self._commanded = self._last_event = 0
+        self._told = 0
         self._answered = self._met = False
 
     def add(self, index: int, messages: Sequence[Taken], everything: bool = False) -> int:
@@ -129,9 +135,15 @@ class Timeline:
             if index == COMMANDS and told:
                 self._commanded = stamp
                 self._published[COMMANDS].add(info['source_timestamp'], stamp)
+            if index == EVENTS:
+                self._told = max(self._told, stamp)
             self._before[index] = raw
             self._waiting.append((stamp, index, raw))
         return len(messages)
+
+    def give_up(self) -> None:
+        """Await no event of the commands that are there."""
+        self._told = max(self._told, self._commanded)
 
     def _add_states(self, messages: Sequence[Taken], everything: bool) -> int:
         for number, (raw, info) in enumerate(messages):
@@ -182,12 +194,15 @@ class Timeline:
         """
         self._place_unstamped(everything)
         self._waiting.sort(key=itemgetter(0, 1))
-        ready, state = 0, self._last_state
-        for number, (stamp, index, _) in enumerate(self._waiting):
+        ready, state, self.awaited = 0, self._last_state, 0
+        for number, (stamp, index, raw) in enumerate(self._waiting):
             if index == STATES:
                 state = stamp
-            elif index == COMMANDS and stamp == state:
-                ready, self.reached = number + 1, stamp
+            elif index == COMMANDS and stamp == state and not self.awaited:
+                if stamp > self._told and fired(raw):
+                    self.awaited = stamp
+                else:
+                    ready, self.reached = number + 1, stamp
             if stamp < self.newest - UNANSWERED * self.step_ns:
                 ready = number + 1
         if everything:
@@ -222,8 +237,16 @@ class Timeline:
                 self.missing += self._met and not self._answered
                 self._met = self._met or raw[_MARK_AT] == _MARK
                 self._answered, self._last_state = False, stamp
+            elif index == EVENTS:
+                self._last_event = stamp
             elif index == COMMANDS and stamp == self._last_state:
+                self.missing += fired(raw) and not self._answered and self._last_event != stamp
                 self._answered = self._met = True
+
+
+def fired(raw: bytes) -> bool:
+    """Tell whether a command names a guard."""
+    return raw.startswith(_FIRED, _STAMP.size)
 
 
 def stamp_of(raw: bytes) -> int:

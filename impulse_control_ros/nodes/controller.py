@@ -1,9 +1,10 @@
 """
 The controller node: joint_states in, joint_commands and impulse_events out.
 
-One command answers each state and carries its stamp; time is the state's, never a clock's. A
-state that comes again is answered again with the same bytes, and leaves the memory as it is. A
-state that goes back in time, or carries the mark of a start or a reset, clears the guard memory.
+One command answers each state and carries its stamp, and the guard that fired as its frame_id;
+time is the state's, never a clock's. A state that comes again is answered again with the same
+bytes, and leaves the memory as it is. A state that goes back in time, or carries the mark of a
+start or a reset, clears the guard memory.
 The first state of a plant is held until the plant has told its parameters, if it has any: a
 controller for another time step or joint ends there.
 
@@ -44,7 +45,7 @@ from impulse_control_ros.nodes.managed import ManagedNode
 from impulse_control_ros.nodes.parameters import PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
-    command_layout,
+    command_layouts,
     decode_any,
     event_layout,
     IMPULSE_EVENTS,
@@ -70,7 +71,7 @@ class Controller(ManagedNode):
         joint, logger = self.parameters.joint_name, self.get_logger()
         self._state_layout = state_layout(joint, logger)
         self._bare_layout = state_layout(joint, logger, fields=WITHOUT_VELOCITY)
-        self._command_layout = command_layout(joint, logger)
+        self._command_layouts = command_layouts(joint, logger)
         self._event_layouts = {number: event_layout(joint, logger, guard)
                                for number, guard in enumerate(GUARDS) if guard}
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
@@ -263,7 +264,7 @@ class Controller(ManagedNode):
             event = self._event_layouts[guard].encode(sec, nanosec, position, velocity, area)
             self._events.publish(event)
             self._counts['impulses'] += 1
-        command = self._command_layout.encode(sec, nanosec, effort)
+        command = self._command_layouts[guard].encode(sec, nanosec, effort)
         self._publish_command(command)
         self._sent = (event, command)
         self._counts['answered'] += 1
@@ -341,7 +342,7 @@ class Controller(ManagedNode):
     def _command_zero(self) -> None:
         """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
         self._memory, self._watch = fresh_memory(), fresh_watch()
-        self._commands.publish(self._command_layout.encode(0, 0, 0.0))
+        self._commands.publish(self._command_layouts[NO_IMPULSE].encode(0, 0, 0.0))
 
     def close(self) -> None:
         """Leave no effort behind, and wait until what was sent has arrived."""

@@ -39,7 +39,7 @@ from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     CLOCK,
-    command_layout,
+    command_layouts,
     DAMPING,
     decode_any,
     JOINT_COMMANDS,
@@ -65,7 +65,7 @@ class PlantSimulator(ParameterNode):
         self._layouts = {mark: state_layout(joint, logger, mark) for mark in ('', RESET_MARK)}
         self._layouts_without_velocity = {
             mark: state_layout(joint, logger, mark, WITHOUT_VELOCITY) for mark in self._layouts}
-        self._command_layout = command_layout(joint, logger)
+        self._command_layouts = command_layouts(joint, logger)
         self._lockstep = parameters.lockstep
         self.tick = -1
         self._axis = SimulatedAxis(parameters)
@@ -164,15 +164,17 @@ class PlantSimulator(ParameterNode):
         """Take one joint command, given as CDR."""
         if self.tick < 0:
             self._meeting.hear()
-        values = self._command_layout.decode(raw)
-        if values is None:
+        for layout in self._command_layouts:
+            values = layout.decode(raw)
+            if values is not None:
+                sec, nanosec, effort = values
+                break
+        else:
             try:
                 sec, nanosec, _, effort = decode_any(raw, self.parameters.joint_name, ('effort',))
             except UnreadableError as error:
                 self._reject(f'a command {error}')
                 return
-        else:
-            sec, nanosec, effort = values
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
         elif (sec, nanosec) == (0, 0) and self.tick >= 0 and not self._lockstep:

@@ -3,16 +3,16 @@ The recorder node: joint_states, joint_commands, impulse_events and more into a 
 
 Messages are taken raw, and each costs one append to a list; everything else happens in batches:
 order by stamp, drop repeats (the plant publishes a state again when its command is late), look
-for gaps in the series, write. What is newer than the last state with a command waits for the
-next batch, so that the bag is in the order of time.
+for gaps in the series, write. What is newer than the last state with a command, and with the
+event that this tells of, waits for the next batch, so that the bag is in the order of time.
 
 The recorder joins the lockstep by choice: after each batch it publishes on recorder_progress
-the stamp of the last state that it has together with its command. The plant waits for it (see
+the stamp of the last state that it has together with these. The plant waits for it (see
 plant_simulator.py), so a slow disk slows simulated time and loses nothing. It opens the bag
 when plant and controller are there and their parameters are read; what comes earlier is kept.
 Parameters of one that comes anew in mid-run are added, with the stamp of the first state that it
-answers. A plant that starts anew begins another
-run: then the bag is finished, and the next one is ``<bag>-2``.
+answers. A plant that starts anew begins another run: then the bag is finished, and the next one
+is ``<bag>-2``.
 """
 
 from datetime import datetime
@@ -77,7 +77,7 @@ class Recorder(ParameterNode):
         self.bag: BagWriter | None = None
         self._timeline = Timeline(DEFAULT_STEP_NS)
         self._bags = 0
-        self._batch_at = 0.0
+        self._batch_at = self._give_up_at = 0.0
         self._identity = f'{self.get_fully_qualified_name()} {uuid4().hex[:8]}'
         self._peers: set[tuple[str, bytes]] = set()
         self._asking: PeerParameters | None = None
@@ -264,8 +264,9 @@ class Recorder(ParameterNode):
         self.bag = None
 
     def _in_flight(self) -> bool:
-        """Tell whether commands are on their way: one state at most is yet to be answered."""
-        return self._timeline.newest > self._timeline.reached + self._timeline.step_ns
+        """Tell whether something is on its way: one state at most is yet to be answered."""
+        timeline = self._timeline
+        return bool(timeline.awaited) or timeline.newest > timeline.reached + timeline.step_ns
 
     # -- by the wall clock ------------------------------------------------------------------
 
@@ -280,10 +281,15 @@ class Recorder(ParameterNode):
         if not self.bag:
             self._forget_early_states()
             return BATCH_PERIOD
+        awaited = self._timeline.awaited
         if not self._drain() or self.bag.full:
             self._finish()
         else:
             self._tell_progress()
+            if self._timeline.awaited != awaited:
+                self._give_up_at = now + FLIGHT
+            elif awaited and now > self._give_up_at:
+                self._timeline.give_up()
         return BATCH_PERIOD
 
     def _tell_progress(self) -> None:

@@ -7,8 +7,9 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.cdr import FIELDS, JointStateLayout
+from impulse_control_ros.files.cdr import COMMANDED, FIELDS, JointStateLayout
 
 JOINT_STATES = 'joint_states'
 JOINT_COMMANDS = 'joint_commands'
@@ -120,9 +121,9 @@ def state_layout(joint: str, logger: Any, mark: str = '', fields: Sequence[str] 
     return verified(JointStateLayout(joint, mark, fields), logger)
 
 
-def command_layout(joint: str, logger: Any) -> JointStateLayout | TypedLayout:
-    """Return the layout of joint_commands: effort alone."""
-    return verified(JointStateLayout(joint, '', ('effort',)), logger)
+def command_layouts(joint: str, logger: Any) -> list[JointStateLayout | TypedLayout]:
+    """Return the layout of joint_commands for each of `GUARDS`: effort alone."""
+    return [verified(JointStateLayout(joint, guard, COMMANDED), logger) for guard in GUARDS]
 
 
 def event_layout(joint: str, logger: Any, guard: str) -> JointStateLayout | TypedLayout:

@@ -2,7 +2,7 @@
 
 from hypothesis import given, strategies as st
 
-from impulse_control_ros.files.cdr import JointStateLayout, RESET_MARK
+from impulse_control_ros.files.cdr import COMMANDED, JointStateLayout, RESET_MARK
 from impulse_control_ros.files.timeline import (
     COMMANDS,
     EVENTS,
@@ -17,7 +17,9 @@ EXTRA = 3
 STATE = JointStateLayout('axis')
 MARKED = JointStateLayout('axis', RESET_MARK)
 ELBOW = JointStateLayout('elbow')
-COMMAND = JointStateLayout('axis', '', ('effort',))
+COMMAND = JointStateLayout('axis', '', COMMANDED)
+FIRED = JointStateLayout('axis', 'velocity_zero', COMMANDED)
+EVENT = JointStateLayout('axis', 'velocity_zero')
 
 
 def state(tick, position=0.5):
@@ -30,6 +32,14 @@ def marked(tick):
 
 def command(tick, effort=1.0):
     return COMMAND.encode(*divmod(START + tick * STEP, 10**9), effort)
+
+
+def fired(tick):
+    return FIRED.encode(*divmod(START + tick * STEP, 10**9), 9000.0)
+
+
+def event(tick):
+    return EVENT.encode(*divmod(START + tick * STEP, 10**9), 0.0, 0.0, 9.0)
 
 
 def sent(messages):
@@ -52,15 +62,13 @@ def recorded(arrivals):
 def test_any_order_of_arrival_gives_the_same_recording(data):
     count = data.draw(st.integers(1, 30))
     queues = {STATES: [state(k) for k in range(count)],
-              COMMANDS: [command(k) for k in range(count)],
-              EVENTS: [STATE.encode(*divmod(START + k * STEP, 10**9), 0, 0, 9.0)
-                       for k in range(0, count, 3)]}
+              COMMANDS: [command(k) if k % 3 else fired(k) for k in range(count)],
+              EVENTS: [event(k) for k in range(0, count, 3)]}
     arrivals = []
     waiting = {index: list(messages) for index, messages in queues.items()}
     while any(waiting.values()):
         index = data.draw(st.sampled_from([i for i, messages in waiting.items() if messages]))
         size = data.draw(st.integers(1, len(waiting[index])))
-        # a command or an event exists only once its state has been published
         arrivals.append((index, [waiting[index].pop(0) for _ in range(size)]))
     taken, timeline = recorded(arrivals)
     assert sorted(taken) == sorted(
@@ -72,7 +80,7 @@ def test_any_order_of_arrival_gives_the_same_recording(data):
 
 def test_the_recording_is_in_the_order_of_stamps_with_states_first():
     batches = [(STATES, [state(0), state(1)]), (COMMANDS, [command(0)]),
-               (EVENTS, [STATE.encode(1, 0, 0, 0, 9.0)]), (COMMANDS, [command(1)]),
+               (EVENTS, [event(0)]), (COMMANDS, [command(1)]),
                (STATES, [state(2)]), (EXTRA, [command(2, 5.0)]),
                (COMMANDS, [command(2)])]
     timeline = Timeline(STEP, 'axis')
@@ -91,6 +99,37 @@ def test_every_missing_state_and_command_is_counted(lost_states, lost_commands):
         (STATES, [state(k) for k in range(30) if k not in lost_states]),
         (COMMANDS, [command(k) for k in range(30) if k not in lost_commands])])
     assert timeline.missing == len(lost_states) + len(lost_commands - lost_states)
+
+
+@given(st.sets(st.integers(0, 29)), st.sets(st.integers(0, 29)))
+def test_every_event_that_a_command_tells_of_is_missing_where_it_is_not_there(guards, lost):
+    _, timeline = recorded([
+        (STATES, [state(k) for k in range(30)]),
+        (EVENTS, [event(k) for k in sorted(guards - lost)]),
+        (COMMANDS, [fired(k) if k in guards else command(k) for k in range(30)])])
+    assert timeline.missing == len(guards & lost)
+
+
+def test_an_event_is_awaited_until_it_or_a_later_one_comes_or_nobody_waits_longer():
+    timeline = Timeline(STEP, 'axis')
+    timeline.add(STATES, sent(state(k) for k in range(9)))
+    timeline.add(COMMANDS, sent(fired(k) if k in (2, 4, 6) else command(k) for k in range(9)))
+
+    def reached():
+        taken = len(timeline.take())
+        return taken, (timeline.reached - START) // STEP, (timeline.awaited - START) // STEP
+    assert reached() == (4, 1, 2)
+    timeline.add(EVENTS, sent([event(2)]))
+    assert reached() == (5, 3, 4)
+    timeline.add(EVENTS, sent([event(6)]))
+    assert reached()[:2] == (11, 8)
+    assert (timeline.awaited, timeline.missing) == (0, 1)
+    timeline.add(STATES, sent([state(9)]))
+    timeline.add(COMMANDS, sent([fired(9)]))
+    assert reached() == (0, 8, 9)
+    timeline.give_up()
+    assert reached()[:2] == (2, 9)
+    assert (timeline.awaited, timeline.missing) == (0, 2)
 
 
 def test_repeats_are_dropped_and_counted():
