@@ -1,9 +1,7 @@
-"""Bags of ours as arrays: what a run was."""
+"""Bags as arrays: what a run was."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
-from itertools import chain
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,27 +10,18 @@ from mcap.records import Channel, Metadata, Schema
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
-from impulse_control_ros.files.cdr import (
-    COMMANDED,
-    FIELDS,
-    JointStateLayout,
-    layout_in,
-    RESET_MARK,
-    WITHOUT_VELOCITY,
-)
 from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
+from impulse_control_ros.files.series import (
+    COMMAND,
+    DAMPING,
+    damping_of,
+    IMPULSE,
+    SAMPLE,
+    Series,
+)
 
-SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
-                   ('marked', '?')])
-COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
-IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
-                    ('area', 'f8')])
-DAMPING = np.dtype([('stamp', 'i8'), ('damping', 'f8')])
 JOINT_STATE, FLOAT64 = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64'
-FLOAT64_SIZE = 12
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 # fields of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
 VALUES = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
@@ -106,7 +95,7 @@ def storage_file(bag: str | Path) -> Path:
 
 
 def read(bag: str | Path) -> Recording:
-    """Read a bag of ours; raises `BagError` for what is none."""
+    """Read a bag; raises `BagError` for what is none, or has no states."""
     path = storage_file(bag)
     gathered = _Gathered()
     with naming(path):
@@ -130,6 +119,7 @@ class _Gathered:
         self._version = ''
         self._unread: int | None = None
         self._roles: dict[str, str] = {}
+        self._ours = False
         self._topics: set[str] = set()
         self._decoders = DecoderFactory()
 
@@ -156,7 +146,7 @@ class _Gathered:
             else:
                 self._parameters[name] = values
         elif item.name == PACKAGE:
-            self._version = item.metadata.get('version', '')
+            self._ours, self._version = True, item.metadata.get('version', '')
             self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
             self._receipt = item.metadata
@@ -168,7 +158,7 @@ class _Gathered:
         schema = self._type_of(column.topic)
         kind = schema.name if schema else ''
         if role in self._series and kind == JOINT_STATE:
-            self._series[role].add(column, joint_of(self._parameters))
+            self._series[role].add(column, joint_of(self._parameters), self._ours)
         elif role == 'damping' and kind == FLOAT64:
             self._damping.append(damping_of(column))
         elif kind == PARAMETER_EVENT:
@@ -177,17 +167,22 @@ class _Gathered:
 
     def recording(self) -> Recording:
         """Return it as a whole."""
+        placed = self._series['joint_states'].placed
         states, commands, impulses = (one.in_order() for one in self._series.values())
         if self._topics and not len(states):
             raise ValueError(f'no joint_states of joint {joint_of(self._parameters)!r} among its '
                              f'topics {", ".join(sorted(map(self._typed, self._topics)))}')
-        self._changes.sort(key=lambda change: (change.stamp, not change.anew))
+        withdrawn = self._series['joint_commands'].unstamped
+        damping, changes = np.concatenate(self._damping), self._changes
+        if not self._ours:
+            withdrawn, damping['stamp'] = placed(withdrawn), placed(damping['stamp'])
+            damping = np.sort(damping, order='stamp', kind='stable')
+            changes = [change._replace(stamp=int(placed(change.stamp))) for change in changes]
         return Recording(
-            states=states, commands=commands, impulses=impulses,
-            withdrawn=self._series['joint_commands'].unstamped,
-            damping=np.concatenate(self._damping), parameters=self._parameters,
-            changes=self._changes, version=self._version, receipt=self._receipt,
-            unread=self._unread)
+            states=states, commands=commands, impulses=impulses, withdrawn=withdrawn,
+            damping=damping, parameters=self._parameters,
+            changes=sorted(changes, key=lambda change: (change.stamp, not change.anew)),
+            version=self._version, receipt=self._receipt, unread=self._unread)
 
     def _typed(self, topic: str) -> str:
         """Return a topic with its type, where that is known."""
@@ -209,97 +204,7 @@ def changes_of(events: Column, decode: Callable[[bytes], Any]) -> Iterator[Chang
         yield Change(int(stamp), event.node, values, anew=False)
 
 
-def damping_of(column: Column) -> np.ndarray:
-    """Return the messages of std_msgs/Float64 of a chunk: shape (n,), dtype DAMPING."""
-    rows = np.zeros(len(column.stamp), DAMPING)
-    rows['stamp'], rows['damping'] = column.stamp, np.nan
-    for which, content in column.same_size():
-        if content.shape[1] >= FLOAT64_SIZE:
-            rows['damping'][which] = content[:, 4:FLOAT64_SIZE].copy().view('<f8')[:, 0]
-    return rows
-
-
 def joint_of(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the joint that the nodes of a recording are for."""
     return next((values['joint_name'] for values in parameters.values()
                  if 'joint_name' in values), 'axis')
-
-
-class Series:
-    """The messages of one topic of ours, collected as rows of ``kind``."""
-
-    def __init__(self, kind: np.dtype[Any]) -> None:
-        self._kind = kind
-        self._rows = [np.zeros(0, kind)]
-        self._times = [np.zeros(0, np.int64)]
-        self._unstamped = [np.zeros(0, np.int64)]
-
-    def add(self, column: Column, joint: str) -> None:
-        """Take the messages of ``joint`` whose place is that of their stamp."""
-        rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
-        layouts = layouts_of(self._kind, joint)
-        for which, content in column.same_size():
-            others = others_in(content, joint, known, which) if self._kind is SAMPLE else ()
-            for number, layout in enumerate(chain(layouts, others)):
-                if known[which].all():
-                    break
-                good, sec, nanosec, *values = layout.decode_rows(content)
-                at = which[good]
-                known[at] = True
-                rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
-                if self._kind is IMPULSE:
-                    rows['guard'][at] = number
-                elif self._kind is SAMPLE:
-                    rows['marked'][at] = layout.frame_id == RESET_MARK
-                    rows['velocity'][at] = rows['effort'][at] = np.nan
-                for name, value in zip(self._names(layout), values, strict=True):
-                    rows[name][at] = value[good]
-        self._unstamped.append(column.stamp[known & (rows['stamp'] == 0)])
-        known &= rows['stamp'] == column.stamp
-        self._rows.append(rows[known])
-        self._times.append(column.time[known])
-
-    @property
-    def _measured(self) -> list[str]:
-        return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
-
-    def _names(self, layout: JointStateLayout) -> Sequence[str]:
-        """Return our names of the fields of a layout."""
-        return self._measured if self._kind is IMPULSE else layout.fields
-
-    @property
-    def unstamped(self) -> np.ndarray:
-        """Return the places [ns] of the messages that tell no stamp of their own."""
-        return np.concatenate(self._unstamped)
-
-    def in_order(self) -> np.ndarray:
-        """Return the rows in the order of their log time."""
-        rows, times = np.concatenate(self._rows), np.concatenate(self._times)
-        self._rows, self._times = [rows], [times]  # the parts are not held twice
-        if (times[1:] >= times[:-1]).all():
-            return rows
-        return rows[np.argsort(times, kind='stable')]
-
-
-def others_in(content: np.ndarray, joint: str, known: np.ndarray, which: np.ndarray
-              ) -> Iterator[JointStateLayout]:
-    """
-    Yield the layout of each state of ``joint`` that is not yet ``known`` when it is asked for.
-
-    ``content`` of shape (k, size) are the bytes of the messages ``which`` of those ``known``.
-    """
-    for message, place in zip(content, which, strict=True):
-        layout = None if known[place] else layout_in(message.tobytes(), joint)
-        if layout and 'position' in layout.fields:
-            yield layout
-
-
-@cache
-def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
-    """Return the layouts of the messages that rows of ``kind`` are made of."""
-    if kind is IMPULSE:
-        return [JointStateLayout(joint, guard) for guard in GUARDS]
-    if kind is COMMAND:
-        return [JointStateLayout(joint, guard, COMMANDED) for guard in GUARDS]
-    return [JointStateLayout(joint, mark, fields) for fields in (FIELDS, WITHOUT_VELOCITY)
-            for mark in ('', RESET_MARK)]

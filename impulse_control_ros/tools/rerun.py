@@ -16,7 +16,8 @@ from impulse_control_ros.files.experiment import (
     PlantParameters,
     require_agreement,
 )
-from impulse_control_ros.files.recording import COMMAND, DAMPING, IMPULSE, Recording, SAMPLE
+from impulse_control_ros.files.recording import Recording
+from impulse_control_ros.files.series import COMMAND, DAMPING, IMPULSE, SAMPLE
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
 NEEDED = {'m', 'time_step', 'joint_name'}  # of a plant or controller of ours, in any version

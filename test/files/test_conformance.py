@@ -184,8 +184,9 @@ def assert_same_bits(rows, bag):
     assert rows['joint_states'] == [
         bits((row['stamp'], 'reset' if row['marked'] else '', row['position'], row['velocity'],
               row['effort'])) for row in run.states]
+    fired = {row['stamp']: GUARDS[row['guard']] for row in run.impulses}
     assert rows['joint_commands'] == [
-        bits((row['stamp'], '', row['effort'])) for row in run.commands]
+        bits((row['stamp'], fired.get(row['stamp'], ''), row['effort'])) for row in run.commands]
     assert rows['impulse_events'] == [
         bits((row['stamp'], GUARDS[row['guard']], row['position'], row['velocity'], row['area']))
         for row in run.impulses]
