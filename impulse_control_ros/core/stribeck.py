@@ -51,7 +51,7 @@ def shapes(z):
 @compiled
 def time_to(change, acceleration, rate):
     """Return when the velocity has changed by ``change``; inf when it never has."""
-    if change * acceleration <= 0.0:
+    if sign(change) != sign(acceleration) or change == 0.0:
         return math.inf if change != 0.0 else 0.0
     share = change * rate / acceleration
     if abs(share) < 1e-12:
