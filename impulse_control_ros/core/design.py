@@ -185,31 +185,42 @@ def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
 
 
 def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
-    """Judge what Coulomb friction does to the end of the motion, section IV-C."""
-    if axis.F_c == 0.0:
+    """Judge what friction at rest does to the end of the motion, section IV-C."""
+    name, friction = max(('F_c', axis.F_c), ('F_s', axis.stribeck.F_s), key=lambda one: one[1])
+    if friction == 0.0:
         return
-    if 0.0 < gains.effort_limit <= axis.F_c:
+    if 0.0 < gains.effort_limit <= friction:
         yield Finding(level=Level.ERROR, text=(
-            f'effort_limit = {gains.effort_limit:g} N does not exceed F_c = {axis.F_c:g} N: '
+            f'effort_limit = {gains.effort_limit:g} N does not exceed {name} = {friction:g} N: '
             'nothing moves a standing axis'))
     if not gains.impulses:
         if gains.K_i == 0.0:
             yield Finding(level=Level.NOTE, text=(
-                f'impulses = false leaves the axis sticking anywhere within F_c / K = '
-                f'{dead_zone(gains, axis.F_c):g} m of x_r'))
+                f'impulses = false leaves the axis sticking anywhere within {name} / K = '
+                f'{dead_zone(gains, friction):g} m of x_r'))
         return
-    floor = sampled_floor(gains, axis.F_c)
+    floor = sampled_floor(gains, friction)
     if gains.position_deadband < floor:
         yield Finding(level=Level.NOTE, text=(
             f'position_deadband = {gains.position_deadband:g} m is below the sampled floor '
-            f'2 F_c dt / (kappa d_bar) = {floor:g} m: there the axis stays, with impulses on and '
-            f'on; a position_deadband above {floor:g} m ends them'))
+            f'2 {name} dt / (kappa d_bar) = {floor:g} m: there the axis stays, with impulses on '
+            f'and on; a position_deadband above {floor:g} m ends them'))
 
 
 def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
-    """Judge the dead bands by what the sensor measures of an axis at rest."""
+    """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
     if not gains.impulses:
         return
+    most = axis.actuator.limit
+    if most and not 0.0 < gains.effort_limit <= most:
+        yield Finding(level=Level.WARNING, text=(
+            f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the actuator, '
+            f'which cuts impulses off: effort_limit = {most:g} N keeps their area'))
+    if axis.sensor.velocity == 'difference' and axis.sensor.resolution:
+        yield Finding(level=Level.WARNING, text=(
+            f'a velocity by difference shows a step of the encoder as '
+            f'{axis.sensor.resolution / axis.time_step:g} m/s, and may have impulses go on at '
+            'rest: without a velocity in the message the controller estimates it'))
     sensor, delay = axis.sensor, axis.actuator.delay
     jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
     for name, least, unit, why in (

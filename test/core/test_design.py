@@ -31,6 +31,7 @@ from impulse_control_ros.core.impulse import (
     VELOCITY_ZERO,
 )
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.stribeck import Stribeck
 from impulse_control_ros.files.experiment import read_experiment
 from test.conftest import CONFIG
 
@@ -178,6 +179,10 @@ def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_th
 def test_an_effort_limit_within_the_friction_is_an_error():
     assert 'effort_limit = 1 N' in said(Level.ERROR, Controller(effort_limit=1.0), ROUGH)[0]
     assert said(Level.ERROR, Controller(effort_limit=1.1), ROUGH) == []
+    sticky = replace(ROUGH, stribeck=Stribeck(F_s=1.5))
+    assert 'does not exceed F_s = 1.5 N' in said(
+        Level.ERROR, Controller(effort_limit=1.1), sticky)[0]
+    assert said(Level.ERROR, Controller(effort_limit=1.6), sticky) == []
 
 
 def test_another_time_step_is_an_error():
@@ -209,6 +214,22 @@ def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, chan
     assert any(warning.startswith(text) for warning in said(Level.WARNING, gains, axis))
     assert said(Level.WARNING, replace(gains, **change), axis) == []
     assert said(Level.WARNING, replace(gains, impulses=False), axis) == []
+
+
+def test_an_actuator_that_cuts_impulses_off_is_a_warning():
+    axis = replace(AXIS, actuator=Actuator(limit=20.0))
+    for limit in (0.0, 20.1):
+        text, = said(Level.WARNING, Controller(effort_limit=limit), axis)
+        assert text.startswith(f'effort_limit = {limit:g} N is above the 20 N of the actuator')
+    assert said(Level.WARNING, Controller(effort_limit=20.0), axis) == []
+
+
+def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
+    sensor = Sensor(resolution=1e-4, velocity='difference')
+    gains = Controller(position_deadband=1.5e-4)
+    text, = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
+    assert 'shows a step of the encoder as 1 m/s' in text
+    assert said(Level.WARNING, gains, replace(AXIS, sensor=replace(sensor, resolution=0.0))) == []
 
 
 def test_the_encoder_experiment_has_no_findings():
