@@ -60,6 +60,7 @@ from impulse_control_ros.nodes.topics import (
 from impulse_control_ros.stop import StopRequest
 
 LOOK_PERIOD = 0.1
+LEAST_ANSWERED, RATE_TOLERANCE = 100, 0.2
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
 
@@ -197,11 +198,27 @@ class Controller(ManagedNode):
 
     def _lost(self) -> int:
         """Return the number of states that are missing between the first and the last."""
+        span, answered = self._series()
+        return self._lost_before + max(0, span // self._step_ns + 1 - answered if answered else 0)
+
+    def _series(self) -> tuple[int, int]:
+        """Return the time [ns] from the first to the last state, and how many were answered."""
         if self._stamp == NEVER:
-            return self._lost_before
+            return 0, 0
         span = (self._stamp[0] - self._first[0]) * SECOND + self._stamp[1] - self._first[1]
-        answered = self._counts['answered'] - self._answered_before
-        return self._lost_before + max(0, span // self._step_ns + 1 - answered)
+        return span, self._counts['answered'] - self._answered_before
+
+    def _wrong_rate(self) -> str:
+        """Say that states come at another rate than time_step: impulses then have another area."""
+        span, answered = self._series()
+        ratio = span / self._step_ns / (answered - 1) if answered >= LEAST_ANSWERED else 1.0
+        if abs(ratio - 1.0) <= RATE_TOLERANCE:
+            return ''
+        step = self.parameters.time_step
+        text = (f'states come every {ratio * step:g} s in the mean, where time_step = {step:g} s: '
+                'it is wrong, or states are lost')
+        self.get_logger().error(text, throttle_duration_sec=20.0)
+        return text
 
     def activated(self) -> None:
         """Answer from now on, as at a start."""
@@ -308,10 +325,12 @@ class Controller(ManagedNode):
         return answered, answered * self.parameters.time_step
 
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted
+        wrong = self._wrong_rate()
+        level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted or wrong
                  else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
-        return level, ('not active' if not self.active else 'standing by' if self._stands_by
-                       else 'answering' if rate else 'waiting for states'), {
+        return level, wrong or (
+            'not active' if not self.active else 'standing by' if self._stands_by
+            else 'answering' if rate else 'waiting for states'), {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:

@@ -63,6 +63,21 @@ def test_an_effort_that_is_not_finite_is_sent_as_zero_with_the_reason(
     assert process.interrupt() == 0
 
 
+@pytest.mark.parametrize('period', [1, 2])
+def test_states_at_another_rate_than_time_step_are_an_error(hand_fed, client, period):
+    process, feed, _ = hand_fed('-p', 'state_timeout:=0.0')
+    diagnostics = client.listen('/diagnostics', DiagnosticArray)
+    for k in range(120):
+        feed(state(period * k, 0.5))
+    text = 'states come every 0.002 s in the mean, where time_step = 0.001 s'
+    client.spin_until(lambda: [one for array in diagnostics for one in array.status
+                               if ('answered', '120') in [
+                                   (value.key, value.value) for value in one.values]],
+                      'a report')
+    assert (text in process.output) == (period == 2)
+    assert process.interrupt() == 0
+
+
 def test_states_that_stay_away_make_a_zero_command_and_their_return_ends_it(hand_fed, client):
     process, feed, commands = hand_fed('-p', 'state_timeout:=0.05', '-p', 'effort_limit:=20.0')
     assert feed(state(0, 0.5)) == -20.0  # an impulse, most of which is yet to leave
