@@ -223,6 +223,7 @@ class Controller(ManagedNode):
     def activated(self) -> None:
         """Answer from now on, as at a start."""
         self._lost_before, self._stamp = self._lost(), NEVER
+        self._heard, self._deserted = 0, False
 
     def deactivated(self) -> None:
         """Leave no effort behind."""

@@ -162,8 +162,6 @@ class PlantSimulator(ParameterNode):
 
     def on_command(self, raw: bytes) -> None:
         """Take one joint command, given as CDR."""
-        if self.tick < 0:
-            self._meeting.hear()
         for layout in self._command_layouts:
             values = layout.decode(raw)
             if values is not None:
@@ -175,6 +173,8 @@ class PlantSimulator(ParameterNode):
             except UnreadableError as error:
                 self._reject(f'a command {error}')
                 return
+        if self.tick < 0 and (sec, nanosec) != (0, 0):
+            self._meeting.hear()
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
         elif (sec, nanosec) == (0, 0) and self.tick >= 0 and not self._lockstep:

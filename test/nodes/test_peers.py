@@ -208,6 +208,8 @@ def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(gr
                          'impulses:=false')
     second.says('/controller is another controller of /joint_states: standing by')
     plant.says('2 controllers publish /joint_commands: of the commands of /')
+    enough = len(commands) + 300
+    client.spin_until(lambda: len(commands) > enough, 'commands')
     stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands]
     assert len(stamps) == len(set(stamps))
     first.kill()
@@ -243,4 +245,17 @@ def test_a_second_plant_waits_until_the_first_has_left(graph, client):
     second.says('waiting for another plant to leave /joint_states')
     assert first.interrupt() == 0
     assert second.wait() == 0, second.output
+    assert controller.interrupt() == 0
+
+
+def test_a_free_plant_starts_anew_beside_a_controller_that_has_no_states(graph):
+    free = ('--ros-args', '-p', 'lockstep:=false', '-p', 'real_time_factor:=0.1', '-p',
+            'time_step:=0.001')
+    controller = graph.start('controller', '--ros-args', '-p', 'time_step:=0.001')
+    for _ in range(2):
+        plant = graph.start('plant_simulator', *free)
+        plant.says('running from')
+        controller.says('answering /plant_simulator')
+        assert plant.interrupt() == 0
+        controller.says('0 N is commanded')
     assert controller.interrupt() == 0
