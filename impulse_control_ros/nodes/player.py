@@ -10,7 +10,6 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from time import monotonic
@@ -30,7 +29,7 @@ from impulse_control_ros.files.columns import BagError, Column, columns
 from impulse_control_ros.files.recording import storage_file
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import CLOCK, SERIES_QOS
+from impulse_control_ros.nodes.topics import CLOCK, message_class, SERIES_QOS
 from impulse_control_ros.stop import StopRequest
 
 AT_ONCE = 1000  # messages between two looks at what else is to do
@@ -177,15 +176,6 @@ def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
         if name not in found:
             raise refusal('topic', name, f'one of the bag: {", ".join(found)}')
     return {name: found[name] for name in names}
-
-
-def message_class(kind: str) -> type:
-    """Return the class of pkg/msg/Name; raises `BagError` where it is not installed."""
-    package, _, name = kind.partition('/msg/')
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError):
-        raise BagError(f'message type {kind!r} of the bag is not installed') from None
 
 
 def qos_of(channel: Channel) -> QoSProfile:

@@ -16,7 +16,6 @@ is ``<bag>-2``.
 """
 
 from datetime import datetime
-from importlib import import_module
 from itertools import count
 import json
 from pathlib import Path
@@ -52,6 +51,7 @@ from impulse_control_ros.nodes.topics import (
     IMPULSE_EVENTS,
     JOINT_COMMANDS,
     JOINT_STATES,
+    message_class,
     qos_keys,
     RECORDER_PROGRESS,
     SERIES_QOS,
@@ -107,9 +107,8 @@ class Recorder(ParameterNode):
 
     # -- endpoints --------------------------------------------------------------------------
 
-    def _subscribe(self, topic: str, kind: str, message_class: type, qos: QoSProfile
-                   ) -> Subscription:
-        made = self.create_subscription(message_class, topic, unused, qos, raw=True)
+    def _subscribe(self, topic: str, kind: str, message: type, qos: QoSProfile) -> Subscription:
+        made = self.create_subscription(message, topic, unused, qos, raw=True)
         self.inboxes[made] = []
         self._kinds[made] = kind
         return made
@@ -134,7 +133,11 @@ class Recorder(ParameterNode):
             if topic not in self._wanted:
                 continue
             self._wanted.remove(topic)
-            package, _, name = kinds[0].split('/')
+            try:
+                message = message_class(kinds[0])
+            except BagError as error:
+                self.get_logger().warning(f'{topic} is not recorded: {error}')
+                continue
             offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
             latched = offers and all(
@@ -145,8 +148,7 @@ class Recorder(ParameterNode):
                 else ReliabilityPolicy.RELIABLE,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
                 else DurabilityPolicy.VOLATILE)
-            kind = getattr(import_module(f'{package}.msg'), name)
-            made = self._subscribe(topic, kinds[0], kind, qos)
+            made = self._subscribe(topic, kinds[0], message, qos)
             if self.bag:
                 self._channels.append(self._add_topic(made))
 

@@ -1,6 +1,7 @@
 """The graph: topic names and qualities of service, and the proof that our CDR is rclpy's."""
 
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -10,6 +11,7 @@ from sensor_msgs.msg import JointState
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import COMMANDED, FIELDS, JointStateLayout
+from impulse_control_ros.files.columns import BagError
 
 JOINT_STATES = 'joint_states'
 JOINT_COMMANDS = 'joint_commands'
@@ -39,6 +41,15 @@ def qos_keys(qos: QoSProfile) -> dict[str, Any]:
         'liveliness': qos.liveliness.short_key,
         'liveliness_lease_duration': duration(qos.liveliness_lease_duration),
         'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
+
+
+def message_class(kind: str) -> type:
+    """Return the class of pkg/msg/Name; raises `BagError` where it is not installed."""
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise BagError(f'message type {kind!r} is not installed') from None
 
 
 class UnreadableError(Exception):

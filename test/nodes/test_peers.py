@@ -1,10 +1,13 @@
 """Nodes that do not fit each other, and others on the same topics."""
 
+import os
+
 from mcap.reader import make_reader
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
 
 from impulse_control_ros.files.recording import read
 from test.conftest import CONFIG
@@ -234,6 +237,24 @@ def test_the_damping_of_a_bag_stands_at_the_state_it_was_published_after(graph):
         stamps = [message.publish_time for _, _, message in make_reader(stream).iter_messages(
             topics='/damping')]
     assert stamps == [1_000_000_000 + k * 1_000_000 for k in range(1, 501)]
+
+
+def test_a_topic_whose_type_is_not_installed_is_named_and_the_rest_recorded(graph, client):
+    (graph.folder / 'stereo_msgs').mkdir()
+    (graph.folder / 'stereo_msgs' / '__init__.py').touch()  # hides the installed one
+    client.node.create_publisher(DisparityImage, '/odd', 10)
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.5', '-p',
+                        'wait_for_recorder:=true')
+    graph.environment = {**os.environ, 'PYTHONPATH': str(graph.folder)}
+    recorder = graph.start('recorder', '--ros-args', '-p', f'bag:={graph.folder / "bag"}', '-p',
+                           'topics:=[/odd]')
+    recorder.says("/odd is not recorded: message type 'stereo_msgs/msg/DisparityImage' is not "
+                  'installed')
+    controller = graph.start('controller')
+    assert plant.wait() == 0
+    for process in (recorder, controller):
+        assert process.interrupt() == 0
+    assert len(read(graph.folder / 'bag').states) == 5001
 
 
 def test_a_second_plant_waits_until_the_first_has_left(graph, client):
