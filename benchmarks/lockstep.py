@@ -190,10 +190,10 @@ def run_child(role: str) -> None:
     rclpy.shutdown()
 
 
-def memory_growth() -> dict[str, float]:
-    """Return the peak RSS [MB] of recorded runs of 10 s and 60 s of simulated time."""
+def memory_growth(long: float) -> dict[str, float]:
+    """Return the peak RSS [MB] of recorded runs of 10 s and ``long`` of simulated time."""
     peaks = {}
-    for seconds in (10.0, 60.0):
+    for seconds in (10.0, long):
         with tempfile.TemporaryDirectory() as folder:
             _, peak = composed(Path(folder), recorded=True, seconds=seconds)
         peaks[f'{seconds:g}_s'] = peak['closed_loop']
@@ -205,6 +205,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--rounds', type=int, default=9)
+    parser.add_argument('--long', type=float, default=60.0, help='simulated time [s]')
     parser.add_argument('--child', help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
@@ -220,7 +221,7 @@ def main() -> None:
                 rate, peaks[name] = measure(Path(folder))
             rates[name].append(rate)
     result = {name: median(values) for name, values in rates.items()}
-    growth = memory_growth()
+    growth = memory_growth(options.long)
     if options.json:
         print(json.dumps(result | {'peak_rss_mb': peaks, 'growth_rss_mb': growth}, indent=2))
         return
