@@ -1,14 +1,18 @@
 """
-The README's commands, run as it says: colcon build, then the executables where ros2 run looks.
+The commands of README and docs/ros.md, run as they say.
+
+colcon build, then the executables where ros2 run looks, or on a bare machine those of .venv.
 
 ``ros2 run``, ``param``, ``topic pub`` and ``service call`` are carried out as those verbs do
 (execute the installed file; use the node's services and topics): ros2cli is not on PyPI.
 """
 
 from importlib import import_module
+from importlib.metadata import requires
 import os
 from pathlib import Path
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -23,11 +27,13 @@ from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.parameter_table import document
 from test.conftest import BIN, ROOT, wait_for
 
-README = (ROOT / 'README.md').read_text()
-FENCES = re.findall(r'^```(\w*)\n(.*?)^```', README, re.S | re.M)
+README, NODES_PAGE = ((ROOT / name).read_text() for name in ('README.md', 'docs/ros.md'))
+PAGES = [ROOT / 'README.md', *ROOT.glob('docs/*.md'), *ROOT.glob('[be]*/**/README.md')]
+FENCES = re.findall(r'^```(\w*)\n(.*?)^```', README + NODES_PAGE, re.S | re.M)
 COMMANDS = [line for language, block in FENCES if language == 'bash'
-            for line in block.splitlines()]
+            for line in block.splitlines() if not line.startswith('#')]
 PACKAGE = 'impulse_control_ros'
+RUN = f'ros2 run {PACKAGE} '
 NODES = ('plant_simulator', 'controller', 'recorder')
 VERBS = ('param', 'topic', 'service')
 
@@ -125,8 +131,17 @@ def ros2(verb):
     return [line for line in COMMANDS if line.startswith(f'ros2 {verb} ')]
 
 
+def bare():
+    return [line for line in COMMANDS if line.startswith('closed_loop ')]
+
+
+def python_with(words):
+    return next(block for language, block in FENCES if language == 'python' and words in block)
+
+
 def test_every_command_of_the_readme_is_run_here_or_by_ci():
-    known = {'make demo', 'make test', 'colcon build', 'source install/setup.bash'}
+    known = {'make demo', 'make test', 'colcon build', 'source install/setup.bash',
+             '. .venv/bin/activate', *bare()}
     known |= {line for verb in ('run', *VERBS) for line in ros2(verb)}
     assert len(COMMANDS) > 10
     assert [line for line in COMMANDS if line not in known] == []
@@ -145,33 +160,48 @@ def test_the_layouts_are_installed(workspace):
         assert (share / 'layouts' / path.name).read_text() == path.read_text()
 
 
-def test_the_composed_run_of_the_readme_is_recorded(shell):
-    line = next(line for line in ros2('run') if ' closed_loop ' in line)
-    process = shell.start(line)
+def test_the_composed_run_of_the_readme_is_recorded_and_looked_at(shell):
+    runs = shell.graph.folder
+    composed, *rest = [line for line in ros2('run') if line.split()[3] not in NODES]
+    process = shell.start(composed)
     assert process.wait() == 0, process.output
-    assert len(read(shell.graph.folder / 'underdamped').states) == 20_001
-    replays = [shell.start(line) for line in ros2('run') if ' replay ' in line]
-    assert [process.wait() for process in replays] == [0, 0, 1]
-    line = next(line for line in ros2('run') if ' export_bag ' in line)
-    assert shell.start(line).wait() == 0
-    assert len(pd.read_parquet(shell.graph.folder / 'underdamped.parquet')) == 20_001
-    code = next(block for _, block in FENCES if 'import to_pandas' in block)
+    assert len(read(runs / 'underdamped').states) == 20_001
+    others = {line.split()[3] + line.split()[-1]: shell.start(line) for line in rest}
     said = subprocess.run(
-        [sys.executable, '-c', code.replace('runs/', '')], cwd=shell.graph.folder, check=True,
-        env=os.environ | {'MPLBACKEND': 'Agg'}, capture_output=True, text=True).stdout.split()
+        [sys.executable, '-c', python_with('to_pandas').replace('runs/', '')], cwd=runs,
+        check=True, env=os.environ | {'MPLBACKEND': 'Agg'}, capture_output=True,
+        text=True).stdout.split()
     assert float(said[0]) > 0.375
     assert said[1] == '10.0'
+    assert (runs / 'underdamped.png').read_bytes().startswith(b'\x89PNG')
+    statuses = {name: process.wait() for name, process in others.items()}
+    assert statuses == {name: int(name == 'replayK:=12.0') for name in others}
+    assert 'messages published' in others['replay0.5'].output
+    assert 'every message is the same, to the bit' in others['replay--closed-loop'].output
+    assert others['replayK:=12.0'].output.endswith('it differs\n')
+    assert (runs / 'underdamped.html').exists()
+    assert len(pd.read_parquet(runs / 'underdamped.parquet')) == 20_001
+
+
+def test_a_bare_machine_does_as_the_demo_does_by_the_names_of_the_executables():
+    composed, = (line for line in ros2('run') if ' closed_loop ' in line)
+    assert [RUN + line for line in bare()] == [composed]
 
 
 def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
     nodes = [shell.start(line) for line in ros2('run') if line.split()[3] in NODES]
     assert len(nodes) == 3
     nodes[0].says('running from')
-    for line in COMMANDS[COMMANDS.index(ros2('param')[0]):]:
-        if line.split()[1] in VERBS:
-            shell.run(line)
+    for line in (line for verb in VERBS for line in ros2(verb)):
+        shell.run(line)
+        if line in ros2('topic'):
+            shell.client.spin_until(
+                lambda: shell.client.get('controller', 'x_r') == [0.1], 'x_r')
     assert 12.0 in shell.outcomes
-    shell.client.spin_until(lambda: shell.client.get('controller', 'x_r') == [0.1], 'x_r')
+    assert subprocess.run(
+        [sys.executable, '-c', python_with('AsyncParameterClient')], env=shell.graph.env,
+        check=True, capture_output=True, text=True).stdout.count('successful=True') == 2
+    shell.client.spin_until(lambda: shell.client.get('controller', 'x_r') == [0.2], 'x_r')
     for process in nodes:
         assert process.interrupt() == 0, process.output
     run = read(shell.graph.folder / 'axis')
@@ -205,15 +235,41 @@ def test_an_interrupted_demo_says_where_the_recording_is_and_finishes_it(tmp_pat
 
 
 def test_the_python_of_the_readme_runs(tmp_path):
-    code = next(block for language, block in FENCES if language == 'python')
+    code = python_with('simulate')
     said = subprocess.run([sys.executable, '-c', code], cwd=ROOT, check=True,
-                          capture_output=True, text=True).stdout
-    assert abs(float(said.split()[0])) < 1.34e-4
+                          capture_output=True, text=True).stdout.split()
+    assert f'{float(said[0]):.6f} m' in code
+    assert f'{said[1]} impulses' in code
 
 
-def test_every_link_of_the_readme_leads_somewhere():
-    for link in re.findall(r'\]\(([^)]+)\)', README):
-        assert (ROOT / link).exists(), link
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    for link in re.findall(r'\]\(([^)]+)\)', page.read_text()):
+        file, _, heading = link.replace('\n', '').partition('#')
+        if file.startswith('https:'):
+            continue
+        target = (page.parent / file).resolve()
+        assert target.exists(), link
+        if heading:
+            titles = re.findall(r'^#+ (.*)', target.read_text(), re.M)
+            assert heading in [re.sub(r'[^\w -]', '', title).lower().replace(' ', '-')
+                               for title in titles], link
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_executable_and_file_of_a_command_is_there(page):
+    for name in re.findall(rf'{RUN}(\w+)', page.read_text()):
+        assert (BIN / name).exists(), name
+    for name in re.findall(r'\b(?:config|studies)/\w+\.yaml', page.read_text()):
+        assert (ROOT / name).exists(), name
+
+
+def test_what_pip_brings_in_a_workspace_is_what_the_package_requires():
+    line = next(line for line in (ROOT / 'docs/install.md').read_text().splitlines()
+                if line.startswith('pip install '))
+    known_to_rosdep = {'numpy', 'pyyaml', 'setuptools'}
+    assert set(shlex.split(line)[2:]) == {
+        item for item in requires(PACKAGE) if 'extra ==' not in item} - known_to_rosdep
 
 
 def test_the_parameter_table_is_up_to_date():

@@ -215,11 +215,13 @@ def test_help_says_what_is_measured_from_where():
         assert words in said.stdout
 
 
-def test_the_documentation_names_every_figure_and_no_other():
+def test_the_documentation_names_every_figure_as_it_is_printed_and_no_other():
     page = (ROOT / 'docs' / 'analyze.md').read_text()
-    rows = page[page.index('| name |'):page.index('The impulsive part')].strip().splitlines()[2:]
-    names = [name for row in rows for name in re.findall(r'`([\w.]+)`', row.split('|')[1])]
-    assert sorted(names) == sorted(FIGURES)
+    rows = [line.split(' | ') for line in page.splitlines() if line.count(' | ') == 2]
+    table = [row for row in rows if '`' in row[1]]
+    printed = [name for row in table for name in row[0].removeprefix('| ').split(', ')]
+    assert [name for row in table for name in re.findall(r'`([^`]+)`', row[1])] == list(FIGURES)
+    assert printed == [f'{words} [{unit}]' if unit else words for unit, words in FIGURES.values()]
 
 
 @pytest.mark.parametrize(('suffix', 'magic'), [('png', b'\x89PNG'), ('pdf', b'%PDF')])

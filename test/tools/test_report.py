@@ -240,6 +240,11 @@ def test_nothing_is_wider_than_the_window(opened, width):
     tops = opened.run('return [...document.querySelectorAll("h2, .plot, table")].map('
                       '(one) => [one.getBoundingClientRect().top, one.offsetHeight])')
     assert all(height > 10 for _, height in tops)
+    cells = ('const row = [...document.querySelector("#parameters .differs").cells].map('
+             '(one) => one.getBoundingClientRect());')
+    assert opened.run(f'{cells} return row[2].right') <= width
+    assert opened.run('document.querySelector("#parameters").parentElement.scrollLeft = 1000;'
+                      f'{cells} return row[0].left >= 0 && row.at(-1).right <= innerWidth')
 
 
 def test_the_tables_hold_the_figures_the_parameters_and_where_they_are_from(opened):

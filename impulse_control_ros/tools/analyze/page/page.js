@@ -271,7 +271,8 @@ function fillTable(id, rows, compare = false) {
     row.classList.toggle('differs', compare && !isHead && new Set(cells.slice(1)).size > 1);
     for (const cell of cells) {
       const made = isHead ? row.appendChild(document.createElement('th')) : row.insertCell();
-      made.textContent = cell;
+      // a name may break after each of its words
+      for (const part of cell.split(/(?<=_)/)) made.append(part, document.createElement('wbr'));
       if (cells.length === 1) made.colSpan = rows[0].length;
     }
   });
