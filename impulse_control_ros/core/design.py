@@ -211,17 +211,16 @@ def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
     """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
     if not gains.impulses:
         return
-    most = axis.actuator.limit
+    sensor, delay, most = axis.sensor, axis.actuator.delay, axis.actuator.limit
     if most and not 0.0 < gains.effort_limit <= most:
         yield Finding(level=Level.WARNING, text=(
             f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the actuator, '
             f'which cuts impulses off: effort_limit = {most:g} N keeps their area'))
-    if axis.sensor.velocity == 'difference' and axis.sensor.resolution:
+    if sensor.velocity == 'difference' and sensor.resolution:
         yield Finding(level=Level.WARNING, text=(
             f'a velocity by difference shows a step of the encoder as '
-            f'{axis.sensor.resolution / axis.time_step:g} m/s, and may have impulses go on at '
+            f'{sensor.resolution / axis.time_step:g} m/s, and may have impulses go on at '
             'rest: without a velocity in the message the controller estimates it'))
-    sensor, delay = axis.sensor, axis.actuator.delay
     jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
     for name, least, unit, why in (
             ('position_deadband', 1.5 * sensor.resolution, 'm',

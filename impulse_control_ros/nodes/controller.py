@@ -33,7 +33,7 @@ from std_msgs.msg import Float64
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
 from impulse_control_ros.core.design import Finding, findings, Level
-from impulse_control_ros.core.impulse import ANSWER, fresh_memory, GUARDS, NO_IMPULSE
+from impulse_control_ros.core.impulse import ANSWER, fresh_memory, NO_IMPULSE
 from impulse_control_ros.core.kernel import machine_code
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND
@@ -47,7 +47,7 @@ from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import (
     command_layouts,
     decode_any,
-    event_layout,
+    event_layouts,
     IMPULSE_EVENTS,
     JOINT_COMMANDS,
     JOINT_STATES,
@@ -73,8 +73,7 @@ class Controller(ManagedNode):
         self._state_layout = state_layout(joint, logger)
         self._bare_layout = state_layout(joint, logger, fields=WITHOUT_VELOCITY)
         self._command_layouts = command_layouts(joint, logger)
-        self._event_layouts = {number: event_layout(joint, logger, guard)
-                               for number, guard in enumerate(GUARDS) if guard}
+        self._event_layouts = event_layouts(joint, logger)
         self._memory, self._answer = fresh_memory(), np.zeros(1, ANSWER)
         self._watch = fresh_watch()
         self._pack()

@@ -21,6 +21,7 @@ from std_msgs.msg import Float64
 from impulse_control_ros.core.axis import DIVERGED, DivergedError
 from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
 from impulse_control_ros.files.cdr import (
+    COMMANDED,
     encode_float64,
     encode_time,
     RESET_MARK,
@@ -169,7 +170,7 @@ class PlantSimulator(ParameterNode):
                 break
         else:
             try:
-                sec, nanosec, _, effort = decode_any(raw, self.parameters.joint_name, ('effort',))
+                sec, nanosec, _, effort = decode_any(raw, self.parameters.joint_name, COMMANDED)
             except UnreadableError as error:
                 self._reject(f'a command {error}')
                 return

@@ -137,6 +137,6 @@ def command_layouts(joint: str, logger: Any) -> list[JointStateLayout | TypedLay
     return [verified(JointStateLayout(joint, guard, COMMANDED), logger) for guard in GUARDS]
 
 
-def event_layout(joint: str, logger: Any, guard: str) -> JointStateLayout | TypedLayout:
-    """Return the layout of impulse_events: position, velocity, and the area as effort."""
-    return verified(JointStateLayout(joint, guard), logger)
+def event_layouts(joint: str, logger: Any) -> list[JointStateLayout | TypedLayout]:
+    """Return those of impulse_events for each: position, velocity, and the area as effort."""
+    return [verified(JointStateLayout(joint, guard), logger) for guard in GUARDS]
