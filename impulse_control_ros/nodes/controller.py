@@ -40,7 +40,7 @@ from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.cdr import RESET_MARK, WITHOUT_VELOCITY
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.graph import plants, publishers
+from impulse_control_ros.nodes.graph import own_publisher, plants, publishers
 from impulse_control_ros.nodes.managed import ManagedNode
 from impulse_control_ros.nodes.parameters import PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
@@ -94,9 +94,7 @@ class Controller(ManagedNode):
         self._runs_freely = False
         self._heard, self._quiet_since, self._deserted = 0, 0.0, False
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
-        others = publishers(self, JOINT_COMMANDS).keys()
-        self._commands = self.create_publisher(JointState, JOINT_COMMANDS, SERIES_QOS)
-        self._own = publishers(self, JOINT_COMMANDS).keys() - others
+        self._commands, self._own = own_publisher(self, JointState, JOINT_COMMANDS, SERIES_QOS)
         self._passed, self._look_at, self._stands_by = NEVER, 0.0, False
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_command = self._commands.handle.publish_raw

@@ -29,7 +29,7 @@ from impulse_control_ros.files.cdr import (
 )
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.graph import publishers
+from impulse_control_ros.nodes.graph import own_publisher, publishers
 from impulse_control_ros.nodes.meeting import Meeting
 from impulse_control_ros.nodes.pace import Pace
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -88,9 +88,7 @@ class PlantSimulator(ParameterNode):
         self._create_endpoints()
 
     def _create_endpoints(self) -> None:
-        others = publishers(self, JOINT_STATES).keys()
-        self._states = self.create_publisher(JointState, JOINT_STATES, SERIES_QOS)
-        own = publishers(self, JOINT_STATES).keys() - others
+        self._states, own = own_publisher(self, JointState, JOINT_STATES, SERIES_QOS)
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_message = self._states.handle.publish_raw
         self._clock_topic = self.create_publisher(Clock, CLOCK, SERIES_QOS)

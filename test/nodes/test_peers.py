@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.nodes.graph import own_publisher, publishers
 from test.conftest import CONFIG
 
 UNDERDAMPED = CONFIG / 'underdamped.yaml'
@@ -176,6 +177,21 @@ def test_the_states_of_a_second_plant_are_neither_answered_nor_a_run_of_their_ow
     assert_whole(run)
     assert run.receipt['foreign'] == '1'
     assert not bag.with_name('bag-2').exists()
+
+
+def test_a_publisher_that_is_discovered_meanwhile_is_not_taken_for_our_own(client, monkeypatch):
+    create = client.node.create_publisher
+
+    def create_beside_another(*arguments):
+        monkeypatch.undo()
+        create(*arguments)
+        return create(*arguments)
+
+    monkeypatch.setattr(client.node, 'create_publisher', create_beside_another)
+    publisher, own = own_publisher(client.node, JointState, 'states', 1)
+    assert len(own) == 1
+    client.node.destroy_publisher(publisher)
+    assert len(publishers(client.node, '/states').keys() - own) == 1
 
 
 def test_of_two_plants_that_wait_for_a_controller_one_goes_first(graph):
