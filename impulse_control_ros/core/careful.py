@@ -27,7 +27,8 @@ With all options off this is `answered`, to the same bits. What they change, gua
 With K_i the feedback is that of a PID, -K e - D v - I with I+ = I + K_i e dt. While effort_limit
 clips it and e would drive it further, I rests, so nothing winds up.
 
-Without a measured velocity (nan) it is the filtered difference of the positions,
+Without a measured velocity (nan), and with velocity_source: estimated, it is the filtered
+difference of the positions,
 
     v_hat = p (v_hat + J / m) + (1 - p) (x - x_before) / dt,
 
@@ -58,11 +59,11 @@ from impulse_control_ros.core.kernel import compiled, sign
 
 CARE = np.dtype([(name, 'f8') for name in (
     'lead_time', 'position_hysteresis', 'rearm', 'stick_samples', 'pole', 'inverse_m',
-    'integral_gain')])
+    'integral_gain', 'estimates')])
 WATCH = np.dtype([(name, 'f8') for name in (
     'seen', 'position', 'velocity', 'kick', 'unarmed', 'stood', 'integral')])
 OFF = {'lead': 0.0, 'position_hysteresis': 0.0, 'velocity_hysteresis': 0.0, 'stick_samples': 1,
-       'K_i': 0.0}
+       'K_i': 0.0, 'velocity_source': 'measured'}
 OPTIONS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become denormal
 
@@ -78,6 +79,7 @@ def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
     # math's exp, value by value: numpy's differs in the last bit from machine to machine.
     care['pole'] = [math.exp(-2.0 * math.pi * item) for item in turn.tolist()]
     care['inverse_m'] = 1.0 / np.asarray(values['m'])
+    care['estimates'] = np.asarray(values['velocity_source']) == 'estimated'
     care['integral_gain'] = np.asarray(values['K_i']) * values['time_step']
     return care
 
@@ -147,7 +149,7 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     law, wary, old, seen, told = unpacked(gains[0]), care[0], memory[0], watch[0], answer[0]
     before = Memory(old.started, old.position, old.side, old.direction, old.x_r, old.pending,
                     old.pulsed, old.hold)
-    if np.isnan(velocity):
+    if wary.estimates != 0.0 or np.isnan(velocity):
         velocity = estimated(seen, law, wary, position)
     error, ahead = position - law.x_r, position + wary.lead_time * velocity
     direction = direction_of(before.direction, law, wary, velocity)

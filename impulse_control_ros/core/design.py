@@ -216,18 +216,20 @@ def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
         yield Finding(level=Level.WARNING, text=(
             f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the actuator, '
             f'which cuts impulses off: effort_limit = {most:g} N keeps their area'))
-    if sensor.velocity == 'difference' and sensor.resolution:
+    jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
+    estimates = gains.velocity_source == 'estimated' or sensor.velocity == 'none'
+    if sensor.velocity == 'difference' and sensor.resolution and not estimates:
         yield Finding(level=Level.WARNING, text=(
             f'a velocity by difference shows a step of the encoder as '
             f'{sensor.resolution / axis.time_step:g} m/s, and may have impulses go on at '
-            'rest: without a velocity in the message the controller estimates it'))
-    jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
+            'rest: velocity_source = estimated, with velocity_deadband above '
+            f'{jump:g} m/s, ends them'))
     for name, least, unit, why in (
             ('position_deadband', 1.5 * sensor.resolution, 'm',
              f'1.5 steps of the encoder of {sensor.resolution:g} m'),
-            ('velocity_deadband', 4.0 * sensor.velocity_noise, 'm/s',
+            ('velocity_deadband', 0.0 if estimates else 4.0 * sensor.velocity_noise, 'm/s',
              f'four times the velocity_noise of {sensor.velocity_noise:g} m/s'),
-            ('velocity_deadband', jump if sensor.velocity == 'none' else 0.0, 'm/s',
+            ('velocity_deadband', jump if estimates else 0.0, 'm/s',
              f'twice what one step of the encoder makes of a velocity that is estimated with '
              f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz'),
             ('stick_samples', delay + 1 if delay else 0, 'samples',

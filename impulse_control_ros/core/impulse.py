@@ -121,8 +121,11 @@ class Controller(Parameters):
     stick_samples: int = parameter(
         1, 'samples', 'standing since the last impulse, before one that releases; longer than '
         'the actuator needs to act', lower=1)
+    velocity_source: str = parameter(
+        'measured', '', 'velocity the law acts on: that of the message, where it has one, or one '
+        'that is estimated from the positions', choices=('measured', 'estimated'))
     velocity_bandwidth: float = parameter(
-        50.0, 'Hz', 'corner of the filter that estimates a velocity that is not measured; '
+        50.0, 'Hz', 'corner of the filter that estimates the velocity; '
         'velocity_deadband above 4 pi times it times the step of the encoder', lower=0.0,
         open_lower=True)
     time_step: float = parameter(

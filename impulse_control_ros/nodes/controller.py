@@ -293,6 +293,8 @@ class Controller(ManagedNode):
         else:
             sec, nanosec, frame_id, position, velocity = decode_any(
                 raw, self.parameters.joint_name, ('position',), ('velocity',))
+        if self.parameters.velocity_source == 'estimated':
+            velocity = None
         if not (math.isfinite(position) and (velocity is None or math.isfinite(velocity))):
             raise UnreadableError(f'with position {position}, velocity {velocity}')
         return (sec, nanosec, frame_id == RESET_MARK, position,

@@ -210,6 +210,20 @@ def test_from_positions_alone_the_axis_settles_within_two_steps_and_rests(F_c, d
         assert farthest(run) < 2.0
 
 
+@pytest.mark.parametrize('limit', [0.0, 50.0, 20.0, 5.0])
+def test_a_bad_velocity_is_not_looked_at_where_the_law_is_told_to_estimate(limit):
+    sensor = Sensor(resolution=Q, velocity='difference', velocity_noise=0.1)
+    wary = replace(WARY, velocity_deadband=0.12, effort_limit=limit)
+    assert impulses_per_second(simulate(Axis(F_c=0.0, sensor=sensor), wary, 4.0)) > 50.0
+    for F_c in (0.0, 0.3, 1.0):
+        run = simulate(Axis(F_c=F_c, sensor=sensor),
+                       replace(wary, velocity_source='estimated'), 4.0)
+        without = simulate(Axis(F_c=F_c, sensor=replace(sensor, velocity='none')), wary, 4.0)
+        assert np.array_equal(run.position, without.position)
+        assert impulses_per_second(run) == 0.0
+        assert farthest(run) < 2.0
+
+
 def test_a_dead_band_below_one_step_of_the_estimate_storms():
     axis = Axis(F_c=0.0, sensor=Sensor(resolution=Q, velocity='none'))
     run = simulate(axis, replace(WARY, velocity_deadband=0.04), 4.0)

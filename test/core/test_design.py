@@ -229,7 +229,13 @@ def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
     gains = Controller(position_deadband=1.5e-4)
     text, = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
     assert 'shows a step of the encoder as 1 m/s' in text
+    assert text.endswith(
+        'velocity_source = estimated, with velocity_deadband above 0.0628319 m/s, ends them')
     assert said(Level.WARNING, gains, replace(AXIS, sensor=replace(sensor, resolution=0.0))) == []
+    estimating = replace(gains, velocity_source='estimated', velocity_deadband=0.063)
+    assert said(Level.WARNING, estimating, replace(AXIS, sensor=sensor)) == []
+    assert said(Level.WARNING, replace(estimating, velocity_deadband=0.06),
+                replace(AXIS, sensor=sensor)) != []
 
 
 def test_the_encoder_experiment_has_no_findings():

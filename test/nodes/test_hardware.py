@@ -1,5 +1,7 @@
 """Real processes with a sensor, an actuator and loads between them."""
 
+import math
+
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -76,10 +78,12 @@ def test_hardware_can_be_changed_in_mid_run_and_replayed_to_the_bit(graph, clien
     process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={bag}', '-p',
                           'plant_simulator:real_time_factor:=1.0', config=experiment(duration=0.0))
     process.says('running from')
-    for change in ({'actuator.delay': 3}, {'sensor.velocity': 'none'}, {'payload.mass': 0.01},
+    for change in ({'actuator.delay': 3}, {'sensor.velocity': 'difference'},
+                   {'sensor.velocity': 'none'}, {'payload.mass': 0.01},
                    {'sensor.resolution': 1e-3, 'disturbance.force': 0.5}):
         assert client.set('plant_simulator', **change).successful
-    assert client.set('controller', lead=0.5, stick_samples=9).successful
+    assert client.set('controller', lead=0.5, stick_samples=9,
+                      velocity_source='estimated').successful
     refused = client.set('plant_simulator', **{'payload.mass': -1.0})
     assert not refused.successful
     assert refused.reason == 'payload.mass = -1.0 is refused: allowed is > -m = -0.1 [kg]'
@@ -121,4 +125,6 @@ def test_the_controller_finds_its_joint_among_several_with_or_without_velocities
         ['axis'], [-3.0 + 0.5])
     publisher.publish(state(10**9 + 4 * 10**5, names, [9.0, 0.3, -9.0], [1.0]))
     process.says("rejected a state without velocity of joint 'axis'")
+    assert client.set('controller', velocity_source='estimated').successful
+    assert answer(10**9 + 6 * 10**5, ['axis'], [0.3], [math.nan])[0] == ['axis']
     assert process.interrupt() == 0
