@@ -33,6 +33,7 @@ FOREIGN, STATES, EVENTS, COMMANDS = range(-1, 3)
 Entry = tuple[int, int, bytes]
 Taken = tuple[bytes, Mapping[str, int]]  # as rclpy's take_message returns it
 KEPT = 100_000
+UNNUMBERED = 2**64 - 1  # of rmw: the middleware gives no sequence numbers
 UNANSWERED = 10_000  # samples; the queue of a controller is shorter
 _STAMP = struct.Struct('<4sII')
 _NODE_AT = 12  # of rcl_interfaces/ParameterEvent: its second field, after a stamp
@@ -107,6 +108,7 @@ class Timeline:
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
         self._last_state = self._commanded = self._last_event = 0
         self._told = 0
+        self._numbers: list[int] = []
         self._answered = self._met = False
 
     def add(self, index: int, messages: Sequence[Taken], everything: bool = False) -> int:
@@ -126,8 +128,7 @@ class Timeline:
             told = stamp_of(raw)
             stamp = min(told or self._commanded or self.newest, latest)
             # the first command of a newcomer may be the last one of its predecessor again
-            if index == COMMANDS and self._before[COMMANDS] and (
-                    info['publication_sequence_number'] == 1):
+            if index == COMMANDS and self._is_first(info['publication_sequence_number']):
                 self.begun.append(stamp)
             if raw == self._before[index]:
                 self.repeated += 1
@@ -140,6 +141,21 @@ class Timeline:
             self._before[index] = raw
             self._waiting.append((stamp, index, raw))
         return len(messages)
+
+    def _is_first(self, number: int) -> bool:
+        """
+        Tell by the ``number`` of a command whether it is the first one here of a newcomer.
+
+        It need not be 1: who has just been found may have sent some before. So it is the one that
+        no known writer has come up to.
+        """
+        if number == UNNUMBERED:
+            return False
+        earlier = [last for last in self._numbers if last < number]
+        if earlier:
+            self._numbers.remove(max(earlier))
+        self._numbers.append(number)
+        return not earlier and len(self._numbers) > 1
 
     def give_up(self) -> None:
         """Await no event of the commands that are there."""

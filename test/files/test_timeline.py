@@ -10,6 +10,7 @@ from impulse_control_ros.files.timeline import (
     STATES,
     Timeline,
     UNANSWERED,
+    UNNUMBERED,
 )
 
 STEP, START = 100_000, 1_000_000_000
@@ -44,7 +45,7 @@ def event(tick):
 
 def sent(messages):
     """Return messages as rclpy takes them, published at their stamp."""
-    return [(raw, {'source_timestamp': stamp_of(raw), 'publication_sequence_number': None})
+    return [(raw, {'source_timestamp': stamp_of(raw), 'publication_sequence_number': UNNUMBERED})
             for raw in messages]
 
 
@@ -182,7 +183,7 @@ def test_a_word_of_the_controllers_stands_at_the_first_state_it_answers_after_it
     # state k goes out at 10 k, its command at 10 k + 6
     states = [(state(k), {'source_timestamp': 10 * k}) for k in range(6)]
     commands = [
-        (command(k), {'source_timestamp': 10 * k + 6, 'publication_sequence_number': None})
+        (command(k), {'source_timestamp': 10 * k + 6, 'publication_sequence_number': UNNUMBERED})
         for k in range(6)]
     timeline = Timeline(STEP, 'axis', controller='/controller')
     timeline.add(EXTRA, [(told(node), {'source_timestamp': time}) for time in (33, 37)
@@ -201,12 +202,27 @@ def test_a_word_of_the_controllers_stands_at_the_first_state_it_answers_after_it
             ('/plant_simulator', 3), ('/controller2', 3), ('/controller2', 3)))
 
 
-def test_the_first_command_of_another_controller_in_mid_run_is_noticed():
+def begun(*numbers):
+    """Return the places of the commands of those numbers that are noticed as the first ones."""
     timeline = Timeline(STEP, 'axis')
-    timeline.add(STATES, sent(state(k) for k in range(6)))
+    timeline.add(STATES, sent(state(k) for k in range(len(numbers))))
     timeline.add(COMMANDS, [(command(k), {'source_timestamp': k, 'publication_sequence_number': n})
-                            for k, n in enumerate((1, 2, 3, 1, 2, 1))])
-    assert timeline.begun == [START + 3 * STEP, START + 5 * STEP]
+                            for k, n in enumerate(numbers)])
+    return [(stamp - START) // STEP for stamp in timeline.begun]
+
+
+def test_the_first_command_of_another_controller_in_mid_run_is_noticed():
+    assert begun(1, 2, 3, 1, 2, 1) == [3, 5]
+    assert begun(UNNUMBERED, UNNUMBERED, UNNUMBERED) == []
+
+
+def test_a_newcomer_is_noticed_by_the_first_command_that_arrives():
+    assert begun(7, 8, 9, 3, 4, 5) == [3]
+    assert begun(7, 8, 10, 11) == []
+
+
+def test_of_two_controllers_at_a_time_each_is_noticed_once():
+    assert begun(70, 71, 1, 72, 2, 3, 73, 1, 74, 2, 4) == [2, 7]
 
 
 def test_a_newcomer_whose_first_command_repeats_its_predecessors_last_is_noticed():
