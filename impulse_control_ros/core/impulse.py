@@ -24,8 +24,9 @@ The guards see samples only, and compare signs, never products (products underfl
 
 A sample that meets both guards acts as a position zero. An impulse of area J leaves as an
 effort of J / dt for one sample; under an effort limit what does not fit waits, and velocity
-guards rest until it has left, or until impulses are switched off. After a position zero no
-impulse starts for hold_off samples.
+guards rest until it has left, or until impulses are switched off. What waits is dropped where it
+would push the axis on, away from the set-point: that has jumped, or one sample was wrong. After a
+position zero no impulse starts for hold_off samples.
 """
 
 from collections.abc import Mapping
@@ -197,6 +198,13 @@ def within(limit, effort):
 
 
 @compiled
+def due(pending, error, velocity):
+    """Return the area [N s] that still waits, none where it would drive the axis further off."""
+    way = sign(pending)
+    return 0.0 if (way == sign(error)) & (way == sign(velocity)) else pending
+
+
+@compiled
 def sent(gains, wanted_feedback, pending):
     """Return the effort [N], with what fits of the ``pending`` area [N s], and what does not."""
     feedback = within(gains.effort_limit, wanted_feedback)
@@ -220,7 +228,8 @@ def answered(memory, gains, position, velocity):
     met = guard_of(memory, gains, error, direction)
     guard = met if (memory.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
     area = impulse_area(guard, gains, error, velocity)
-    pending = memory.pending + area if gains.impulses != 0.0 else 0.0
+    waiting = due(memory.pending, error, velocity)
+    pending = waiting + area if gains.impulses != 0.0 else 0.0
 
     effort, waits = sent(gains, -gains.K * error - gains.D * velocity, pending)
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)

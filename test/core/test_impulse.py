@@ -153,19 +153,37 @@ def test_without_impulses_the_law_is_pd_to_the_last_bit():
     assert not given_answers['guard'].any()
 
 
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize('wrong', [-1e4, 1e4])
+def test_the_area_of_one_wrong_sample_does_not_drive_the_axis_away(side, wrong):
+    limited = Controller(effort_limit=20.0)
+    away = [(k * 1e-4 * side, side) for k in (-2, -1, 1)]
+    given_answers = answers([*away[:2], (away[2][0], wrong), *[(2e-4 * side, side)] * 2,
+                             *[(-2e-4 * side, -side)] * 2], limited)
+    assert abs(given_answers['area'][2]) == pytest.approx(1200.0)
+    pushes = [answer['effort'] * side for answer in given_answers[3:]]
+    # that of the wrong sign leaves at once, the other one brakes and leaves at the set-point
+    assert max(pushes[:2]) < 0.0
+    assert given_answers['effort'][-1] * side == limited.effort_limit  # against the motion
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-5.0, 5.0)), min_size=1, max_size=30),
-       st.floats(0.1, 100.0))
+       st.floats(10.0, 100.0))
 def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limit):
     gains = Controller(effort_limit=limit)
     # At rest in the set-point nothing new fires, and what waits can leave.
-    rest = [(0.0, 0.0)] * (len(samples) * (10 + int(5.0 / (limit * STEP))) if limit > 5 else 10)
+    owed = np.abs(answers(samples, gains)['area']).sum()
+    rest = [(0.0, 0.0)] * (2 + int(owed / (limit * STEP)))
     given_answers = answers(samples + rest, gains)
     assert (np.abs(given_answers['effort']) <= limit).all()
-    if limit > 5:
-        feedback = np.clip([pd(*sample) for sample in samples + rest], -limit, limit)
-        assert np.sum(given_answers['effort'] - feedback) * STEP == pytest.approx(
-            given_answers['area'].sum(), abs=1e-9)
+    waits = 0.0
+    for (x, v), answer in zip(samples + rest, given_answers, strict=True):
+        if np.sign(waits) == np.sign(x) == np.sign(v):
+            waits = 0.0
+        feedback = np.clip(pd(x, v), -limit, limit)
+        waits += answer['area'] - (answer['effort'] - feedback) * STEP
+    assert waits == pytest.approx(0.0, abs=1e-9)
 
 
 def test_impulses_switched_off_leave_nothing_of_one_that_waits():

@@ -68,6 +68,9 @@ class Law(RuleBasedStateMachine):
         feedback = -self.gains.K * (position - self.gains.x_r) - self.gains.D * velocity
         limit = self.gains.effort_limit or math.inf
         feedback = min(max(feedback, -limit), limit)
+        if np.sign(waiting) == np.sign(position - self.gains.x_r) == np.sign(velocity):
+            self.owed -= waiting
+            waiting = 0.0
         if self.gains.impulses:
             self.owed += self.area
             if waiting or self.area:
