@@ -155,7 +155,7 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     error, ahead = position - law.x_r, position + wary.lead_time * velocity
     direction = direction_of(before.direction, law, wary, velocity)
     stood = seen.stood + 1.0 if direction == 0.0 else 0.0
-    met = guard_of(before, law, ahead - law.x_r, direction)
+    met = guard_of(before, law, error, ahead - law.x_r, direction)
     met = allowed(met, before, seen, wary, direction, stood)
     guard = met if before.hold == 0.0 and law.impulses != 0.0 else NO_IMPULSE
     area = impulse_area(guard, law, error, velocity)

@@ -161,9 +161,14 @@ def fresh_memory() -> np.ndarray:
 
 
 @compiled
-def guard_of(memory, gains, error, direction):
-    """Return the guard that the sample meets; ``direction`` is the sign of the velocity."""
-    side, before = sign(error), sign(memory.position - gains.x_r)
+def guard_of(memory, gains, error, ahead, direction):
+    """
+    Return the guard that the sample meets.
+
+    Position zeros are those of ``ahead`` [m], the error or where it will be, as in the memory;
+    ``direction`` is the sign of the velocity.
+    """
+    side, before = sign(ahead), sign(memory.position - gains.x_r)
     first = memory.started == 0.0
     stands, stood = direction == 0.0, memory.direction == 0.0
 
@@ -225,7 +230,7 @@ def answered(memory, gains, position, velocity):
     """
     error = position - gains.x_r
     direction = 0.0 if abs(velocity) <= gains.velocity_deadband else sign(velocity)
-    met = guard_of(memory, gains, error, direction)
+    met = guard_of(memory, gains, error, error, direction)
     guard = met if (memory.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
     area = impulse_area(guard, gains, error, velocity)
     waiting = due(memory.pending, error, velocity)

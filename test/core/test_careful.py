@@ -109,6 +109,15 @@ def test_half_a_sample_of_lead_halves_the_delay_of_a_position_zero():
     assert (late[0.5].mean(), late[0.5].max()) == pytest.approx((0.25, 0.5), abs=0.01)
 
 
+@pytest.mark.parametrize('lead', [0.0, 0.5, 1.0])
+def test_the_dead_band_is_one_of_the_error_whatever_the_lead(lead):
+    gains = replace(WARY, lead=lead)
+    edge = gains.position_deadband
+    assert not answers([(edge - 1e-7, 2.0), (edge - 1e-7, 0.04)] * 9, gains)['guard'].any()
+    assert answers([(edge + 1e-7, -2.0), (edge + 1e-7, -0.04)], gains)['guard'][1] == (
+        VELOCITY_ZERO)
+
+
 def test_with_lead_the_overshoot_behind_the_first_crossing_is_smaller():
     def overshoot(lead):
         return [-simulate(Axis(F_c=0.0, damping=Damping(value=value)), Controller(lead=lead),
