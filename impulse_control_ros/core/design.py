@@ -10,6 +10,7 @@ alpha         `alpha_bounds`              N s      0.5 m abs(v) <= alpha < m abs
 beta          `beta`                      N s      abs(e) d_bar / (2 c) (26)
 F_c / K       `dead_zone`                 m        where PD alone sticks (section IV-C)
 e_floor       `sampled_floor`             m        2 F_c dt / (kappa d_bar), kappa = 2 / c
+e_quiet       `quiet_error`               m        up to 2 e_floor: a release is to be seen
 t_1           `first_zero_time`           s        first e = 0, from (12)
 v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
 ============  ==========================  =======  ============================================
@@ -77,6 +78,22 @@ def sampled_floor(gains: Controller, F_c: float) -> float:
     kappa = 2 / c. K abs(e), which helps the pulse, is neglected beside it.
     """
     return gains.c * F_c * gains.time_step / gains.d_bar
+
+
+def quiet_error(gains: Controller, F_c: float, time_constant: float = 0.0) -> float:
+    """
+    Return the error [m] above which an impulse releases a standing axis, and is seen to.
+
+    A release slower than ``velocity_deadband`` is none to the guards: the next impulse is one of
+    a sticking axis, of half the area, and there are impulses on and on below 2 e_floor. The lag
+    of an actuator, ``time_constant`` [s], lowers the pulse to its largest mean over a sample.
+    """
+    if time_constant > 0.0:
+        gone = -math.expm1(-gains.time_step / time_constant)
+        held = gone * time_constant / gains.time_step
+        return 2.0 * sampled_floor(gains, F_c / max(1.0 - held, gone * held))
+    unseen = min(gains.m * gains.velocity_deadband / (F_c * gains.time_step), 1.0)
+    return sampled_floor(gains, F_c) * (1.0 + unseen)
 
 
 def first_zero_time(gains: Controller, d: float) -> float:
@@ -159,19 +176,20 @@ def _on_guards(gains: Controller) -> Iterator[Finding]:
 
 def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
     """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
-    if math.isclose(gains.m, axis.m, rel_tol=1e-6):
-        return
-    ratio = gains.alpha_ratio * gains.m / axis.m
-    level, so = Level.NOTE, 'alpha stays within (19), but D is chosen for another mass'
-    if gains.impulses and ratio >= 1.0:
-        level, so = Level.ERROR, 'an impulse at e = 0 does not slow the axis down (19)'
-    elif gains.impulses and ratio < 0.5:
-        level, so = Level.WARNING, 'an impulse at e = 0 does not stop the axis (19)'
-    elif not gains.impulses:
-        so = 'D is chosen for another mass'
-    yield Finding(level=level, text=(
-        f'm = {gains.m:g} kg is not that of the axis, {axis.m:g} kg: {so}; (19) holds for m from '
-        f'{0.5 * axis.m / gains.alpha_ratio:g} to below {axis.m / gains.alpha_ratio:g} kg'))
+    for of, mass in (('axis', axis.m), ('axis with its payload', axis.m + axis.payload.mass)):
+        if math.isclose(gains.m, mass, rel_tol=1e-6) or (mass == axis.m and of != 'axis'):
+            continue
+        ratio = gains.alpha_ratio * gains.m / mass
+        level, so = Level.NOTE, 'alpha stays within (19), but D is chosen for another mass'
+        if gains.impulses and ratio >= 1.0:
+            level, so = Level.ERROR, 'an impulse at e = 0 does not slow the axis down (19)'
+        elif gains.impulses and ratio < 0.5:
+            level, so = Level.WARNING, 'an impulse at e = 0 does not stop the axis (19)'
+        elif not gains.impulses:
+            so = 'D is chosen for another mass'
+        yield Finding(level=level, text=(
+            f'm = {gains.m:g} kg is not that of the {of}, {mass:g} kg: {so}; (19) holds for m '
+            f'from {0.5 * mass / gains.alpha_ratio:g} to below {mass / gains.alpha_ratio:g} kg'))
 
 
 def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
@@ -199,41 +217,55 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
                 f'impulses = false leaves the axis sticking anywhere within {name} / K = '
                 f'{dead_zone(gains, friction):g} m of x_r'))
         return
-    floor = sampled_floor(gains, friction)
-    if gains.position_deadband < floor:
+    quiet = quiet_error(gains, friction, axis.actuator.time_constant)
+    if _least_error(gains, axis.sensor.resolution) < quiet:
         yield Finding(level=Level.NOTE, text=(
-            f'position_deadband = {gains.position_deadband:g} m is below the sampled floor '
-            f'2 {name} dt / (kappa d_bar) = {floor:g} m: there the axis stays, with impulses on '
-            f'and on; a position_deadband above {floor:g} m ends them'))
+            f'position_deadband = {gains.position_deadband:g} m is below {quiet:g} m, up to which '
+            f'an impulse may not release the axis from {name} = {friction:g} N: there it stays, '
+            f'with impulses on and on; a position_deadband above {quiet:g} m ends them'))
+
+
+def _least_error(gains: Controller, resolution: float) -> float:
+    """Return the least error [m] beyond position_deadband that an encoder of these steps shows."""
+    if resolution == 0.0:
+        return gains.position_deadband
+    offset = math.remainder(gains.x_r, resolution)
+    return min(side * offset + resolution * (
+        math.floor((gains.position_deadband - side * offset) / resolution) + 1)
+        for side in (-1.0, 1.0))
 
 
 def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
     """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
     if not gains.impulses:
         return
-    sensor, delay, most = axis.sensor, axis.actuator.delay, axis.actuator.limit
+    sensor, actuator, most = axis.sensor, axis.actuator, axis.actuator.limit
     if most and not 0.0 < gains.effort_limit <= most:
         yield Finding(level=Level.WARNING, text=(
             f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the actuator, '
             f'which cuts impulses off: effort_limit = {most:g} N keeps their area'))
-    jump = 4.0 * math.pi * gains.velocity_bandwidth * sensor.resolution
+    step, noise = sensor.resolution, sensor.position_noise
+    shown = f'one step of the encoder of {step:g} m and the position_noise of {noise:g} m'
+    jump = 4.0 * math.pi * gains.velocity_bandwidth * (step + 2.0 * noise)
     estimates = gains.velocity_source == 'estimated' or sensor.velocity == 'none'
-    if sensor.velocity == 'difference' and sensor.resolution and not estimates:
+    if sensor.velocity == 'difference' and jump and not estimates:
         yield Finding(level=Level.WARNING, text=(
-            f'a velocity by difference shows a step of the encoder as '
-            f'{sensor.resolution / axis.time_step:g} m/s, and may have impulses go on at '
-            'rest: velocity_source = estimated, with velocity_deadband above '
-            f'{jump:g} m/s, ends them'))
+            f'a velocity by difference shows {shown} as {(step + noise) / axis.time_step:g} m/s, '
+            'and may have impulses go on at rest: velocity_source = estimated, with '
+            f'velocity_deadband above {jump:g} m/s, ends them'))
+    late = actuator.delay + math.ceil(3.0 * actuator.time_constant / axis.time_step)
     for name, least, unit, why in (
-            ('position_deadband', 1.5 * sensor.resolution, 'm',
-             f'1.5 steps of the encoder of {sensor.resolution:g} m'),
+            ('position_deadband', 1.5 * step + 4.0 * noise, 'm',
+             f'1.5 steps of the encoder of {step:g} m and four times the position_noise of '
+             f'{noise:g} m'),
             ('velocity_deadband', 0.0 if estimates else 4.0 * sensor.velocity_noise, 'm/s',
              f'four times the velocity_noise of {sensor.velocity_noise:g} m/s'),
             ('velocity_deadband', jump if estimates else 0.0, 'm/s',
-             f'twice what one step of the encoder makes of a velocity that is estimated with '
+             f'twice what {shown} make of a velocity that is estimated with '
              f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz'),
-            ('stick_samples', delay + 1 if delay else 0, 'samples',
-             f'more than the delay of the actuator, {delay} samples')):
+            ('stick_samples', late + 1 if late else 0, 'samples',
+             f'more than the actuator takes to act, its delay of {actuator.delay} samples and '
+             f'three time constants of {actuator.time_constant:g} s')):
         value = getattr(gains, name)
         if value < least * (1.0 - 1e-9):
             yield Finding(level=Level.WARNING, text=(

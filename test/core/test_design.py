@@ -19,9 +19,10 @@ from impulse_control_ros.core.design import (
     least_stiffness,
     Level,
     peak_speed,
+    quiet_error,
     sampled_floor,
 )
-from impulse_control_ros.core.hardware import Actuator, Sensor
+from impulse_control_ros.core.hardware import Actuator, Payload, Sensor
 from impulse_control_ros.core.hybrid import Reading, solve
 from impulse_control_ros.core.impulse import (
     Controller,
@@ -153,6 +154,25 @@ def test_a_wrong_mass_is_judged_by_the_bounds_of_alpha(m, level):
     assert not said(Level.ERROR, Controller(m=m, impulses=False), AXIS)
 
 
+def test_the_mass_with_the_payload_is_judged_too():
+    loaded = replace(AXIS, payload=Payload(mass=0.3))
+    text, = said(Level.WARNING, Controller(), loaded)
+    assert text.startswith('m = 0.1 kg is not that of the axis with its payload, 0.4 kg')
+    relieved = replace(AXIS, m=0.2, payload=Payload(mass=-0.1))
+    assert ['0.2 kg' in text for text in said(Level.WARNING, Controller(), relieved)] == [True]
+
+
+def test_a_lag_raises_the_error_from_which_an_impulse_releases():
+    patient = Controller(stick_samples=302, position_deadband=2e-3, velocity_deadband=0.05)
+    axis = replace(ROUGH, F_c=0.3, actuator=Actuator(time_constant=1e-2))
+    text, = said(Level.NOTE, patient, axis)
+    assert 'a position_deadband above 0.00808033 m ends them' in text  # 2 c F_c T / d_bar and 1 %
+    assert at_rest(axis, patient) > 0
+    assert at_rest(axis, replace(patient, position_deadband=8.1e-3)) == 0
+    # one that is short beside a sample changes nothing but what is not seen
+    assert quiet_error(patient, 0.3, 1e-9) == pytest.approx(quiet_error(patient, 0.3))
+
+
 @pytest.mark.parametrize('damping', [
     Damping(value=1.6), Damping(kind='noise', upper=1.6), Damping(kind='sinusoidal', upper=1.6)],
     ids=lambda damping: damping.kind)
@@ -169,11 +189,48 @@ def test_friction_without_impulses_is_a_note_on_the_dead_zone():
 
 def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
     text, = said(Level.NOTE, Controller(), ROUGH)
-    assert text.startswith('position_deadband = 1e-06 m is below the sampled floor')
-    assert 'a position_deadband above 0.000133333 m ends them' in text
+    assert text.startswith('position_deadband = 1e-06 m is below 0.000133467 m, up to which')
+    assert 'a position_deadband above 0.000133467 m ends them' in text
     gains = Controller(position_deadband=1.34e-4)
     assert findings(gains, ROUGH) == []
     assert simulate(ROUGH, gains, 6.0).events['tick'][-1] < 5.0 / 1e-4
+
+
+def at_rest(axis, gains):
+    """Return from how many of 24 starts impulses go on after 2.8 s."""
+    return sum(bool(np.sum(simulate(replace(axis, x_0=x_0), gains, 3.0).events['tick'] >= 28_000))
+               for x_0 in np.linspace(0.05, 0.6, 24).tolist())
+
+
+def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_double():
+    # seen above 0.5 mm/s: m 5e-4 is half of F_c dt
+    hiding = Controller(velocity_deadband=5e-4, position_deadband=1.99e-4)
+    text, = said(Level.NOTE, hiding, ROUGH)
+    assert 'above 0.0002 m ends them' in text
+    assert at_rest(ROUGH, hiding) > 0
+    assert said(Level.NOTE, replace(hiding, position_deadband=2.01e-4), ROUGH) == []
+    assert at_rest(ROUGH, replace(hiding, position_deadband=2.01e-4)) == 0
+    text, = said(Level.NOTE, replace(hiding, velocity_deadband=1.0), ROUGH)
+    assert 'above 0.000266667 m ends them' in text
+
+
+def test_an_encoder_shows_no_error_between_its_steps():
+    q = 1e-4
+    gains = Controller(velocity_deadband=1.0, position_deadband=1.5 * q)
+
+    def noted(F_c, x_r=0.0):
+        axis = replace(ROUGH, F_c=F_c, sensor=Sensor(resolution=q))
+        return said(Level.NOTE, replace(gains, x_r=x_r), axis) != []
+    # two steps are the first that are acted upon, and what an impulse has to release from
+    assert (noted(0.74), noted(0.76)) == (False, True)
+    # a set-point between two steps: 1.6 of them, on one side
+    assert (noted(0.59, 0.4 * q), noted(0.61, 0.4 * q)) == (False, True)
+    assert (noted(0.59, 7.6 * q), noted(0.61, 7.6 * q)) == (False, True)
+    experiment = read_experiment(CONFIG / 'encoder.yaml')
+    for F_c, storms in ((1.14, False), (1.16, True)):
+        axis = replace(experiment.plant_simulator, F_c=F_c)
+        assert (said(Level.NOTE, experiment.controller, axis) != []) == storms
+        assert (at_rest(axis, experiment.controller) > 0) == storms
 
 
 def test_an_effort_limit_within_the_friction_is_an_error():
@@ -199,7 +256,14 @@ def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
 @pytest.mark.parametrize(('axis', 'change', 'text'), [
     (Axis(sensor=Sensor(resolution=1e-3)), {'position_deadband': 1.5e-3},
      'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.0015 m, '
-     '1.5 steps of the encoder of 0.001 m, ends them'),
+     '1.5 steps of the encoder of 0.001 m'),
+    (Axis(sensor=Sensor(position_noise=1e-3)), {'position_deadband': 4e-3},
+     'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.004 m'),
+    (Axis(sensor=Sensor(resolution=1e-9, position_noise=1e-9, velocity='none')),
+     {'velocity_deadband': 1.9e-6}, 'velocity_deadband = 0 m/s lets an axis at rest have impulse '
+     'after impulse: 1.88496e-06 m/s'),
+    (Axis(actuator=Actuator(delay=2, time_constant=1e-3)), {'stick_samples': 33},
+     'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 33 samples'),
     (Axis(sensor=Sensor(velocity_noise=1e-2)), {'velocity_deadband': 0.04},
      'velocity_deadband = 1e-06 m/s lets an axis at rest have impulse after impulse: 0.04 m/s, '
      'four times the velocity_noise of 0.01 m/s, ends them'),
@@ -208,7 +272,7 @@ def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
      'velocity_deadband = 0 m/s lets an axis at rest have impulse after impulse: 6.28319e-07 m/s'),
     (Axis(actuator=Actuator(delay=7)), {'stick_samples': 8},
      'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 8 samples, '
-     'more than the delay of the actuator, 7 samples, ends them')])
+     'more than the actuator takes to act, its delay of 7 samples')])
 def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, change, text):
     gains = Controller(velocity_deadband=0.0) if '0 m/s lets' in text else Controller()
     assert any(warning.startswith(text) for warning in said(Level.WARNING, gains, axis))
@@ -228,7 +292,7 @@ def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
     sensor = Sensor(resolution=1e-4, velocity='difference')
     gains = Controller(position_deadband=1.5e-4)
     text, = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
-    assert 'shows a step of the encoder as 1 m/s' in text
+    assert 'm as 1 m/s' in text
     assert text.endswith(
         'velocity_source = estimated, with velocity_deadband above 0.0628319 m/s, ends them')
     assert said(Level.WARNING, gains, replace(AXIS, sensor=replace(sensor, resolution=0.0))) == []
