@@ -29,7 +29,12 @@ import numpy as np
 from impulse_control_ros.core.axis import AXIS, Axis, STATE
 from impulse_control_ros.core.careful import fresh_watch, OFF as PLAIN_LAW, packed_care
 from impulse_control_ros.core.damping import packed_damping
-from impulse_control_ros.core.hardware import at_rest, OFF as IDEAL_AXIS, packed_hardware
+from impulse_control_ros.core.hardware import (
+    at_rest,
+    LEAST_STEP,
+    OFF as IDEAL_AXIS,
+    packed_hardware,
+)
 from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory, packed_gains
 from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
 from impulse_control_ros.core.metrics import conclude, COUNTS, figures_dtype, Sums
@@ -173,10 +178,10 @@ def real_rows(axis: Axis, gains: Mapping[str, Any], values: Mapping[str, Any], r
 
 def refuse_misfits(axis: Axis, values: Mapping[str, Any], runs: int) -> None:
     """Refuse the first row whose values do not fit together, as `Axis` does."""
-    m, F_c, F_s, start, end = (np.asarray(values[name]) for name in (
-        'm', 'F_c', 'stribeck.F_s', 'disturbance.start', 'disturbance.end'))
+    m, F_c, F_s, start, end, step = (np.asarray(values[name]) for name in (
+        'm', 'F_c', 'stribeck.F_s', 'disturbance.start', 'disturbance.end', 'sensor.resolution'))
     wrong = (m + values['payload.mass'] <= 0.0) | ((F_s > 0.0) & (F_s < F_c)) | (
-        (end > 0.0) & (end <= start))
+        (end > 0.0) & (end <= start)) | ((step > 0.0) & (step < LEAST_STEP))
     if wrong.any():
         i = int(np.argmax(np.broadcast_to(wrong, runs)))
         build(type(axis), {name: np.broadcast_to(value, runs)[i].item()

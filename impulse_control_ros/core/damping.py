@@ -28,6 +28,7 @@ from impulse_control_ros.core.parameter import parameter, Parameters, refusal
 
 KINDS = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
+MOST_SEED = 2**63 - 1  # an integer parameter of ROS
 DAMPING = np.dtype([('kind', 'i8'), ('value', 'f8'), ('lower', 'f8'), ('upper', 'f8'),
                     ('pole', 'f8'), ('gain', 'f8'), ('turn', 'f8'), ('seed', 'u8')])
 
@@ -49,7 +50,7 @@ class Damping(Parameters):
     bandwidth: float = parameter(
         5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
         open_lower=True)
-    seed: int = parameter(1, '', 'seed of the noise', lower=0)
+    seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     def check(self) -> None:
         """Refuse crossed bounds."""

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.damping import sine, white, word
+from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
 from impulse_control_ros.core.kernel import compiled
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
 
@@ -41,6 +41,7 @@ IDEAL, DIFFERENCE, NONE = range(3)
 FORCES = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_DELAY = 1000
+LEAST_STEP = 1e-12  # m
 # Each noise counts from a place of its own in the stream of a seed; damping counts from 0.
 POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
 HARDWARE = np.dtype([
@@ -67,7 +68,12 @@ class Sensor(Parameters):
         'positions over a sample, or none, an empty field', choices=VELOCITIES)
     velocity_noise: float = parameter(
         0.0, 'm/s', 'standard deviation of the measured velocity', lower=0.0)
-    seed: int = parameter(1, '', 'seed of both noises', lower=0)
+    seed: int = parameter(1, '', 'seed of both noises', lower=0, upper=MOST_SEED)
+
+    def check(self) -> None:
+        """Refuse steps so small that their number overflows."""
+        if 0.0 < self.resolution < LEAST_STEP:
+            raise refusal('sensor.resolution', self.resolution, f'0 or >= {LEAST_STEP:g} [m]')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +114,7 @@ class Disturbance(Parameters):
     bandwidth: float = parameter(
         5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
         open_lower=True)
-    seed: int = parameter(1, '', 'seed of the noise', lower=0)
+    seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     def check(self) -> None:
         """Refuse an end before the start."""
@@ -157,7 +163,7 @@ def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> n
 def at_rest() -> np.ndarray:
     """Return the hardware's memory at the start and after a reset: shape (1,), dtype HIDDEN."""
     hidden = np.zeros(1, HIDDEN)
-    hidden['measured'] = np.nan  # no position yet
+    hidden['measured'] = hidden['noise'] = np.nan  # none yet
     return hidden
 
 
@@ -214,7 +220,7 @@ def disturb(hardware, hidden, tick):
     shape = 1.0
     if hardware.kind == NOISE:
         fresh = white(hardware.force_seed, FORCE_NOISE + np.uint64(tick))
-        hidden.noise = fresh if tick == 0 else (
+        hidden.noise = fresh if np.isnan(hidden.noise) else (
             hardware.force_pole * hidden.noise + hardware.force_gain * fresh)
         shape = hidden.noise
     elif hardware.kind == SINUSOIDAL:

@@ -21,7 +21,7 @@ LEFT = np.dtype([('position', 'f8'), ('first_error', 'f8'), ('bounded', 'f8'), (
 def clear(hidden, memory, watch):
     """Set what a run remembers to nothing, as `at_rest`, `fresh_memory` and `fresh_watch`."""
     inner, old, seen = hidden[0], memory[0], watch[0]
-    inner.measured, inner.actuator, inner.noise = np.nan, 0.0, 0.0
+    inner.measured, inner.actuator, inner.noise = np.nan, 0.0, np.nan
     for i in range(len(inner.queue)):
         inner.queue[i] = 0.0
     old.started, old.position, old.side, old.direction = 0.0, 0.0, 0.0, 0.0

@@ -13,6 +13,7 @@ from impulse_control_ros.core.batch import row, simulate_batch
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.hardware import (
     Actuator,
+    at_rest,
     Disturbance,
     normal,
     OFF,
@@ -25,6 +26,7 @@ from impulse_control_ros.core.hybrid import solve
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.parameter import build, ParameterError
+from impulse_control_ros.core.plant import put_to_start, real_step
 from impulse_control_ros.core.simulate import made_ideally, made_really, simulate
 from impulse_control_ros.core.stribeck import Stribeck
 
@@ -161,6 +163,72 @@ def test_a_sinusoidal_and_a_noisy_force_have_their_amplitude():
     assert np.std(force) == pytest.approx(3.0, rel=0.05)
 
 
+def noisy_force(axis, reset_at, samples=4000):
+    """Return the force [N] on each sample of a heavy axis that is reset once."""
+    state, hidden, forces = axis.start(), at_rest(), []
+    for k in range(samples):
+        if k == reset_at:
+            hidden = put_to_start(axis, state)
+        before = float(state['velocity'][0])
+        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
+        forces.append((float(state['velocity'][0]) - before) * axis.m / STEP)
+    return np.array(forces)
+
+
+def test_noise_of_a_force_has_its_amplitude_from_the_first_sample_and_from_a_reset_on():
+    wide = []
+    for seed in range(200):
+        axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, disturbance=Disturbance(
+            kind='noise', force=3.0, bandwidth=5.0, seed=seed))
+        wide.append(noisy_force(axis, reset_at=5, samples=10)[[0, 4, 5, 9]])
+    assert np.std(wide, axis=0) == pytest.approx(3.0, rel=0.15)
+
+
+def test_a_force_that_is_noise_is_not_the_noise_of_the_damping():
+    axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, damping=Damping(kind='noise', seed=1),
+                disturbance=Disturbance(kind='noise', force=3.0, bandwidth=5.0, seed=1))
+    run = simulate(axis, FREE, 1.0)
+    force = np.diff(run.velocity) * 1e6 / STEP
+    assert abs(np.corrcoef(force[::100], run.damping[::100])[0, 1]) < 0.9
+
+
+def test_a_sinusoidal_force_begins_with_zero_at_its_start():
+    axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, disturbance=Disturbance(
+        kind='sinusoidal', force=3.0, bandwidth=2.0, start=0.1))
+    force = np.diff(simulate(axis, FREE, 0.5).velocity) * 1e6 / STEP
+    time = np.arange(len(force)) * STEP
+    assert force == pytest.approx(
+        np.where(time < 0.1, 0.0, 3.0 * np.sin(4 * math.pi * (time - 0.1))), abs=1e-2)
+
+
+def test_payload_and_force_act_on_an_axis_with_stribeck_friction_too():
+    plain = Axis(F_c=0.3, x_0=0.0, payload=Payload(mass=0.3, time=0.2),
+                 disturbance=Disturbance(force=2.0, start=0.1))
+    # a curve that is flat: the same friction, by the other kernel
+    curved = replace(plain, stribeck=Stribeck(F_s=0.3 * (1 + 1e-9), v_s=1.0))
+    expected, run = (simulate(axis, FREE, 0.4) for axis in (plain, curved))
+    assert run.velocity == pytest.approx(expected.velocity, rel=1e-6, abs=1e-9)
+    assert expected.velocity[-1] > 0.1
+
+
+def test_a_velocity_by_difference_has_the_noise_of_the_velocity_too():
+    sensor = Sensor(velocity='difference', velocity_noise=1e-2)
+    run = simulate(Axis(F_c=0.0, sensor=sensor), FREE, 1.0)
+    assert np.std(run.measured_velocity[1:] - np.diff(run.position) / STEP) == pytest.approx(
+        1e-2, rel=0.05)
+
+
+def test_a_reset_empties_the_actuator_of_what_is_on_its_way():
+    axis = Axis(F_c=0.0, x_0=0.0, v_0=0.0, actuator=Actuator(delay=3, time_constant=1e-3))
+    state, hidden = axis.start(), at_rest()
+    for _ in range(20):
+        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 5.0)
+    hidden = put_to_start(axis, state)
+    for _ in range(20):
+        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
+        assert state['effort'][0] == state['position'][0] == 0.0
+
+
 def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():
     draw, runs = np.random.default_rng(1), 40
     varied = {
@@ -190,6 +258,8 @@ def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():
     ({'F_c': 1.0, 'stribeck.F_s': 0.5}, r'F_s = 0.5 is refused: allowed is 0 or >= F_c = 1 \[N'),
     ({'disturbance.start': 1.0, 'disturbance.end': 0.5},
      r'disturbance.end = 0.5 is refused: allowed is 0 or > disturbance.start = 1 \[s\]'),
+    ({'sensor.resolution': 1e-320}, r'resolution = 1e-320 is refused: allowed is 0 or >= 1e-12'),
+    ({'sensor.seed': 2**64}, r'seed = 18446744073709551616 is refused: allowed is \[0, 9.22'),
     ({'actuator.delay': 1001}, r'delay = 1001 is refused: allowed is \[0, 1000\]'),
     ({'sensor.velocity': 'noisy'}, "velocity = 'noisy' is refused: allowed is one of ideal, dif"),
 ])
