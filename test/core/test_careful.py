@@ -118,6 +118,49 @@ def test_the_dead_band_is_one_of_the_error_whatever_the_lead(lead):
         VELOCITY_ZERO)
 
 
+def fired_at(samples, gains, guard=POSITION_ZERO):
+    return list(np.flatnonzero(answers(samples, gains)['guard'] == guard))
+
+
+def test_a_crossing_is_armed_again_by_the_error_that_the_guards_see():
+    h = 1e-3
+    ahead = [(2 * h, -2.0), (0.1 * h, -2.0), (0.9 * h, 2.0), (0.1 * h, -2.0)]  # 2 m/s: 0.2 h
+    assert fired_at(ahead, Controller(lead=1.0, position_hysteresis=h)) == [1, 3]
+    behind = [(2 * h, -2.0), (-0.1 * h, -2.0), (-1.1 * h, 2.0), (0.1 * h, 2.0)]
+    assert fired_at(behind, Controller(lead=1.0, position_hysteresis=h)) == [1]
+
+
+def test_a_crossing_that_hold_off_lets_pass_counts_for_nothing():
+    h = 1e-3
+    samples = [(2 * h, -2.0), (-2 * h, -2.0), (0.5 * h, 2.0), (-0.5 * h, -2.0)]
+    assert fired_at(samples, Controller(hold_off=1, position_hysteresis=h)) == [1, 3]
+    zigzag = [((-1)**k * h, 2.0) for k in range(60)]
+    assert np.diff(fired_at(zigzag, Controller(hold_off=5, lead=1e-9))).min() == 6
+
+
+def test_a_sample_that_is_zero_ahead_is_the_crossing_and_the_next_is_not():
+    lead = [(3e-4, -2.0), (1e-4, -2.0), (-1e-4, -2.0)]
+    assert fired_at(lead, Controller(lead=0.5)) == [1]
+    bounced = [(1e-3, -2.0), (1e-4, -2.0), (3e-4, 2.0)]  # ahead: 0.8, -0.1, 0.5 mm
+    assert fired_at(bounced, Controller(lead=1.0)) == [1, 2]
+
+
+def test_a_turn_inside_the_hysteresis_is_a_stand():
+    gains = Controller(velocity_deadband=0.05, velocity_hysteresis=0.03)
+    turned = answers([(0.1, 0.2), (0.1, -0.06), (0.1, -0.07), (0.1, -0.09)], gains)
+    assert list(turned['guard'][1:3]) == [VELOCITY_ZERO, STICKING]
+    assert list(answers([(0.1, 0.2), (0.1, 0.06)], gains)['guard']) == [0, 0]
+
+
+def test_standing_counts_from_when_all_of_the_impulse_has_left():
+    gains = Controller(effort_limit=20.0, stick_samples=3)
+    told = answers([(0.05, 0.0)] * 100, gains)
+    leaving = np.flatnonzero(told['effort'] != -K * 0.05)
+    last = leaving[np.flatnonzero(np.diff(leaving) > 1)[0]]
+    assert last > 10
+    assert np.flatnonzero(told['guard'])[1] == last + 3
+
+
 def test_with_lead_the_overshoot_behind_the_first_crossing_is_smaller():
     def overshoot(lead):
         return [-simulate(Axis(F_c=0.0, damping=Damping(value=value)), Controller(lead=lead),
@@ -207,6 +250,12 @@ def test_the_estimate_knows_of_the_impulse_that_the_filter_has_not_seen():
     assert told['velocity'][1] == pytest.approx(-3.75, rel=0.02)
 
 
+def test_the_estimate_knows_what_has_left_of_an_impulse_and_no_more():
+    told = answers([(0.5, math.nan)] * 2, Controller(effort_limit=20.0))
+    pole = math.exp(-2 * math.pi * 50.0 * STEP)
+    assert told['velocity'][1] == pytest.approx(pole * (-20.0 + K * 0.5) * STEP / M)
+
+
 @pytest.mark.parametrize('F_c', [0.0, 0.05, 1.0])
 @pytest.mark.parametrize('damping', [0.15, 1.0])
 def test_from_positions_alone_the_axis_settles_within_two_steps_and_rests(F_c, damping):
@@ -261,6 +310,13 @@ def test_an_integral_rests_while_the_effort_is_clipped_and_goes_on_when_it_is_no
     told = answers([(0.2, 0.0)] * 5000 + [(-0.01, 0.0)], gains)['effort']
     assert (told[:-1] == -1.0).all()
     assert told[-1] == pytest.approx(0.1, abs=2e-3)  # nothing has wound up
+
+
+def test_an_integral_goes_on_while_the_effort_is_clipped_the_other_way():
+    gains = Controller(K_i=1e3, effort_limit=1.0, impulses=False)
+    told = answers([(0.01, -100.0)] * 100 + [(0.01, 0.0)], gains)['effort']
+    assert (told[:-1] == 1.0).all()
+    assert told[-1] == pytest.approx(-0.1 - 101 * 1e3 * STEP * 0.01)
 
 
 def test_an_integral_gain_taken_away_leaves_nothing():

@@ -22,19 +22,23 @@ DT = 1e-3
 sizes = st.floats(1e-9, 10.0)
 signed = st.one_of(st.just(0.0), sizes, sizes.map(lambda size: -size))
 anywhere = st.one_of(signed, st.floats(-1e9, 1e9))
+bands = st.sampled_from([0.0, 1e-6, 0.5])
 
 
 class Law(RuleBasedStateMachine):
     """Samples of an axis that does whatever it likes, and what the law answers."""
 
-    @initialize(m=st.floats(0.01, 10.0), K=st.floats(0.1, 1e3), D=st.floats(0.0, 10.0),
-                d_bar=st.floats(0.01, 10.0), c=st.sampled_from([1.0, 2.0]),
-                alpha_ratio=st.floats(0.5, 0.99), limit=st.sampled_from([0.0, 0.5, 20.0]),
-                hold_off=st.integers(0, 3))
-    def begin(self, m, K, D, d_bar, c, alpha_ratio, limit, hold_off):
-        self.values = {'m': m, 'K': K, 'D': D, 'd_bar': d_bar, 'c': c, 'alpha_ratio': alpha_ratio,
-                       'effort_limit': limit, 'hold_off': hold_off, 'time_step': DT, 'x_r': 0.0,
-                       'impulses': True}
+    @initialize(values=st.fixed_dictionaries({
+        'm': st.floats(0.01, 10.0), 'K': st.floats(0.1, 1e3), 'D': st.floats(0.0, 10.0),
+        'd_bar': st.floats(0.01, 10.0), 'c': st.sampled_from([1.0, 2.0]),
+        'alpha_ratio': st.floats(0.5, 0.99), 'effort_limit': st.sampled_from([0.0, 0.5, 20.0]),
+        'hold_off': st.integers(0, 3), 'lead': st.sampled_from([0.0, 0.5, 1.0]),
+        'position_deadband': bands, 'velocity_deadband': bands, 'position_hysteresis': bands,
+        'velocity_hysteresis': bands, 'stick_samples': st.integers(1, 4),
+        'K_i': st.sampled_from([0.0, 5.0]),
+        'velocity_source': st.sampled_from(['measured', 'estimated'])}))
+    def begin(self, values):
+        self.values = values | {'time_step': DT, 'x_r': 0.0, 'impulses': True}
         self.set()
         self.memory, self.watch = fresh_memory(), fresh_watch()
         self.answer = np.zeros(1, ANSWER)
@@ -42,7 +46,8 @@ class Law(RuleBasedStateMachine):
         self.before = None
         self.owed = self.sent = 0.0
         self.scale = 1.0
-        self.since_position_zero = math.inf
+        self.since_position_zero = self.since_impulse = math.inf
+        self.armed, self.direction, self.integral = True, 0.0, 0.0
 
     def set(self, **changed):
         self.values |= changed
@@ -57,27 +62,34 @@ class Law(RuleBasedStateMachine):
     def switch_impulses(self):
         self.set(impulses=not self.values['impulses'])
 
-    @rule(position=anywhere, velocity=anywhere)
+    @rule(position=anywhere, velocity=st.one_of(anywhere, st.just(math.nan)))
     def sample(self, position, velocity):
         waiting = float(self.memory['pending'][0])
         control_carefully(self.memory, self.watch, self.packed, self.care, position, velocity,
                           self.answer)
-        self.effort, self.area, self.guard, _ = self.answer.item()
-        now = (position, velocity, self.gains.x_r)
+        self.effort, self.area, self.guard, taken = self.answer.item()
+        gains = self.gains
+        if gains.velocity_source == 'measured' and not math.isnan(velocity):
+            assert taken == velocity
+        now = (position, taken, gains.x_r)
         self.judge(*now)
-        feedback = -self.gains.K * (position - self.gains.x_r) - self.gains.D * velocity
-        limit = self.gains.effort_limit or math.inf
+        error, limit = position - gains.x_r, gains.effort_limit or math.inf
+        grown = self.integral + gains.K_i * error * DT
+        windup = abs(gains.K * error + gains.D * taken + grown) > limit and (
+            np.sign(gains.K * error + gains.D * taken + grown) == np.sign(error))
+        self.integral = self.integral if windup else grown
+        feedback = -gains.K * error - gains.D * taken - self.integral
         feedback = min(max(feedback, -limit), limit)
-        if np.sign(waiting) == np.sign(position - self.gains.x_r) == np.sign(velocity):
+        if np.sign(waiting) == np.sign(error) == np.sign(taken):
             self.owed -= waiting
             waiting = 0.0
-        if self.gains.impulses:
+        if gains.impulses:
             self.owed += self.area
             if waiting or self.area:
                 self.sent += (self.effort - feedback) * DT
             self.scale = max(self.scale, abs(self.area), abs(self.effort) * DT)
         else:  # what waited is dropped
-            assert self.effort == feedback
+            assert self.effort == pytest.approx(feedback)
             self.owed = self.sent = 0.0
         self.before = now
 
@@ -89,31 +101,40 @@ class Law(RuleBasedStateMachine):
     def judge(self, position, velocity, x_r):
         """One impulse for one event, of the area and the energy that the law says."""
         gains, error = self.gains, position - x_r
-        direction = 0.0 if abs(velocity) <= gains.velocity_deadband else np.sign(velocity)
+        lead = gains.lead * DT
+        ahead, speed, stood = position + lead * velocity - x_r, abs(velocity), not self.direction
+        moves = speed > gains.velocity_deadband + gains.velocity_hysteresis or (
+            speed > gains.velocity_deadband and np.sign(velocity) == self.direction)
+        direction = float(np.sign(velocity)) if moves else 0.0
         if self.guard == NO_IMPULSE:
             assert self.area == 0.0
         elif self.guard == POSITION_ZERO:
             assert direction
-            assert self.before is None or np.sign(self.before[0] - x_r) != np.sign(error)
+            assert self.before is None or np.sign(
+                self.before[0] + lead * self.before[1] - x_r) != np.sign(ahead)
             assert self.since_position_zero > gains.hold_off
+            assert self.armed
             alpha, m = gains.alpha_ratio, gains.m
             energy = self.area * velocity + self.area**2 / (2.0 * m)
             assert energy == pytest.approx(-2.0 * alpha * (1.0 - alpha) * m * velocity**2)
         else:
             assert abs(error) > gains.position_deadband
-            stood = self.before and abs(self.before[1]) <= gains.velocity_deadband
+            if not direction and stood and self.before:
+                assert self.since_impulse >= gains.stick_samples
             if self.guard == STICKING:
                 assert not direction
                 assert stood
             else:
                 assert self.guard == VELOCITY_ZERO
-                assert self.before is None or self.before[2] != x_r or (
-                    direction != (0.0 if stood else np.sign(self.before[1])))
+                assert self.before is None or self.before[2] != x_r or direction != self.direction
             share = 1.0 if self.guard == STICKING else 2.0
             assert self.area == pytest.approx(
                 -share * abs(error) * gains.d_bar / (2.0 * gains.c) * np.sign(error))
-        self.since_position_zero = 1 if self.guard == POSITION_ZERO else (
-            self.since_position_zero + 1)
+        fired = self.guard == POSITION_ZERO
+        self.since_position_zero = 1 if fired else self.since_position_zero + 1
+        self.since_impulse = 1 if self.area else self.since_impulse + 1
+        self.armed = abs(ahead) > gains.position_hysteresis or (self.armed and not fired)
+        self.direction = direction
         assert self.guard == NO_IMPULSE or gains.impulses
 
     @invariant()
