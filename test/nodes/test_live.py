@@ -82,7 +82,7 @@ def test_a_bad_value_in_a_set_changes_nothing_at_all(graph, client):
 OTHER_VALUES = {'damping.kind': 'noise', 'c': 1.0, 'alpha_ratio': 0.75, 'duration': 1.5,
                 'damping.upper': 2.0, 'damping.lower': 0.25, 'impulses': False,
                 'sensor.velocity': 'difference', 'disturbance.kind': 'noise',
-                'disturbance.end': 9.0}
+                'disturbance.end': 9.0, 'velocity_source': 'estimated'}
 
 
 def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused(graph, client):
