@@ -16,8 +16,9 @@ $(VENV)/.installed: setup.py pyproject.toml setup.cfg
 demo: $(VENV)/.installed
 	$(RUN)/python -m impulse_control_ros.tools.demo
 
+# two at a time: most tests wait for discovery, and each has a ROS domain of its own
 test: $(VENV)/.installed check
-	$(RUN)/python -m pytest
+	$(RUN)/python -m pytest -n 2 --dist loadfile
 
 bench: $(VENV)/.installed
 	$(RUN)/python benchmarks/lockstep.py

@@ -39,9 +39,9 @@ setup(
         # what benchmarks/peers.py compares with
         'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
-        'test': ['pytest<9', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff', 'selenium',
-                 'types-PyYAML', 'colcon-common-extensions', 'catkin_pkg', 'setuptools<80',
-                 *ANALYSIS, *DASK, *EXAMPLES],
+        'test': ['pytest<9', 'pytest-xdist', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff',
+                 'selenium', 'types-PyYAML', 'colcon-common-extensions', 'catkin_pkg',
+                 'setuptools<80', *ANALYSIS, *DASK, *EXAMPLES],
     },
     zip_safe=True,
     entry_points={'console_scripts': [

@@ -66,8 +66,12 @@ class BagWriter:
         self._path = storage_path(self.folder)
         self._topics: list[Topic] = []
         self._schemas: dict[str, int] = {}
-        with naming(self._path):
+        try:
             self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
+        except OSError as error:
+            self._path.unlink(missing_ok=True)
+            self.folder.rmdir()
+            raise BagError(f'bag {str(folder)!r} cannot be made: {error.strerror}') from None
         self._if_it_fits(self._add_bag_metadata)
 
     def add_topic(self, topic: Topic) -> int:

@@ -75,7 +75,11 @@ class McapFile:
         self._checksums: list[int] = []  # of what stands before each chunk
         self._end = 0  # of what is in the file for good
         self._file = path.open('xb', buffering=0)
-        self._put(MAGIC + encoded([Header('ros2', library)]))
+        try:
+            self._put(MAGIC + encoded([Header('ros2', library)]))
+        except OSError:
+            self._file.close()
+            raise
 
     def _put(self, data: bytes) -> None:
         """Write a part of the data section, whose checksum stands at its end."""

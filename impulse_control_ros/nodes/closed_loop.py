@@ -53,6 +53,7 @@ class ClosedLoop:
     def make_controller(self) -> Controller:
         """Make the controller."""
         self._controller = controller = Controller()
+        controller.standby.alone = True  # our plant begins with no other one, and stops with us
         controller.trust(self._plant.get_fully_qualified_name(), self._plant.parameters.flat())
         controller.taken_directly = {controller.states}
         return controller

@@ -13,8 +13,8 @@ goes on with the last one, so it is commanded 0 N when its states stay away for 
 wall time, and when the controller leaves. An effort that is not finite, or above effort_limit,
 never leaves: 0 N is sent in its place. All three clear the guard memory.
 
-A second controller of a plant in lockstep stands by: the plant goes on without its commands. It
-answers from the first state on that comes again, which nobody has answered.
+A second controller of a plant stands by, see nodes/standby.py: the plant goes on without its
+commands. A state that has no stamp, or that of the one before, is rejected.
 """
 
 from collections.abc import Mapping
@@ -44,6 +44,7 @@ from impulse_control_ros.nodes.graph import own_publisher, plants, publishers
 from impulse_control_ros.nodes.managed import ManagedNode
 from impulse_control_ros.nodes.parameters import PeerParameters
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.standby import SILENCE, Standby
 from impulse_control_ros.nodes.topics import (
     command_layouts,
     decode_any,
@@ -59,7 +60,6 @@ from impulse_control_ros.nodes.topics import (
 )
 from impulse_control_ros.stop import StopRequest
 
-LOOK_PERIOD = 0.1
 LEAST_ANSWERED, RATE_TOLERANCE = 100, 0.2
 NEVER = (2**31, 0)  # later than any stamp: the first state counts as one that goes back
 
@@ -94,8 +94,8 @@ class Controller(ManagedNode):
         self._runs_freely = False
         self._heard, self._quiet_since, self._deserted = 0, 0.0, False
         self._events = self.create_publisher(JointState, IMPULSE_EVENTS, SERIES_QOS)
-        self._commands, self._own = own_publisher(self, JointState, JOINT_COMMANDS, SERIES_QOS)
-        self._passed, self._look_at, self._stands_by = NEVER, 0.0, False
+        self._commands, own = own_publisher(self, JointState, JOINT_COMMANDS, SERIES_QOS)
+        self.standby = Standby(self, own)
         # publish() without its checks: these are bytes, and the publisher lives as long as we do
         self._publish_command = self._commands.handle.publish_raw
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
@@ -127,6 +127,8 @@ class Controller(ManagedNode):
         require_agreement(plant, axis, self.parameters.flat())
         self._axis = axis_of(axis)
         self._plant_known, self._runs_freely = True, not axis.get('lockstep', False)
+        self.standby.patience = SILENCE if self._runs_freely else axis.get(
+            'command_timeout', SILENCE)
         self.get_logger().info(f'answering {plant}')
         self._warn()
 
@@ -161,7 +163,7 @@ class Controller(ManagedNode):
                 f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
                 'is not answered', throttle_duration_sec=5.0)
             return False
-        if self._stamp == NEVER and self._another_answers((sec, nanosec)):
+        if self._stamp == NEVER and self.standby.passes((sec, nanosec), self._runs_freely):
             return False
         self._memory, self._watch = fresh_memory(), fresh_watch()
         if self._stamp == NEVER:
@@ -172,26 +174,6 @@ class Controller(ManagedNode):
             self._lost_before = self._lost()
             self._stamp, self._plant_known = NEVER, False
         return self._plant_known
-
-    def _another_answers(self, stamp: tuple[int, int]) -> bool:
-        """Tell whether to pass this state by: there is another controller, and it did not stop."""
-        before, self._passed = self._passed, stamp
-        now = monotonic()
-        if stamp == before or self._runs_freely or not self._plant_known:
-            self._stands_by = False
-        elif now >= self._look_at:
-            self._look_at = now + LOOK_PERIOD
-            others = [name for number, name in publishers(self, JOINT_COMMANDS).items()
-                      if number not in self._own]
-            if others and not all(others):
-                self._look_at = 0.0  # until discovery tells the name
-                return True
-            if others and not self._stands_by:
-                self.get_logger().warning(
-                    f'{" and ".join(others)} is another controller of {self.states.topic_name}: '
-                    'standing by')
-            self._stands_by = bool(others)
-        return self._stands_by
 
     def _lost(self) -> int:
         """Return the number of states that are missing between the first and the last."""
@@ -219,6 +201,10 @@ class Controller(ManagedNode):
 
     def activated(self) -> None:
         """Answer from now on, as at a start."""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Let the next state be the first one."""
         self._lost_before, self._stamp = self._lost(), NEVER
         self._heard, self._deserted = 0, False
 
@@ -254,6 +240,8 @@ class Controller(ManagedNode):
         if not self._plant_known:
             self._held = raw
             return
+        if self.standby.gives_way(self._counts['answered'] + self._counts['repeated']):
+            self._forget()
         values = self._state_layout.decode(raw)
         if values is not None and math.isfinite(values[2]) and math.isfinite(values[3]):
             sec, nanosec, position, velocity, _ = values
@@ -264,6 +252,10 @@ class Controller(ManagedNode):
             except UnreadableError as error:
                 self._reject(f'a state {error}')
                 return
+        if (sec, nanosec) == self._stamp and not mark or (sec, nanosec) == (0, 0):
+            self._reject(f'a state with the stamp {sec}.{nanosec:09d} s: '
+                         + ('so has the one before' if sec or nanosec else 'that is none'))
+            return
         if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(sec, nanosec):
             self._held = b'' if self._plant_known else raw
             return
@@ -301,11 +293,13 @@ class Controller(ManagedNode):
                 math.nan if velocity is None else velocity)
 
     def _repeat(self) -> None:
+        self._counts['repeated'] += 1
+        if self._runs_freely:  # it does not ask: who sends the same for ever has stopped
+            return
         event, command = self._sent
         if event:
             self._events.publish(event)
         self._commands.publish(command)
-        self._counts['repeated'] += 1
 
     def _withhold(self, effort: float, position: float, velocity: float) -> None:
         """Account for an ``effort`` that is not sent."""
@@ -329,17 +323,20 @@ class Controller(ManagedNode):
         level = (DiagnosticStatus.ERROR if self._counts['withheld'] or self._deserted or wrong
                  else DiagnosticStatus.WARN if self._counts['rejected'] else DiagnosticStatus.OK)
         return level, wrong or (
-            'not active' if not self.active else 'standing by' if self._stands_by
+            'not active' if not self.active else 'standing by' if self.standby.stands_by
             else 'answering' if rate else 'waiting for states'), {
             **self._counts, 'lost': self._lost(), 'x_r': self.parameters.x_r}
 
     def poll(self) -> float:
         """Meet the plant, and look whether its states stay away."""
+        self.standby.serve()
         if self._held and not self._plant_known:
             self._meet_plant()
             return 0.02
+        if self.standby.gives_way(self._counts['answered'] + self._counts['repeated']):
+            self._forget()
         timeout = self.parameters.state_timeout
-        if not (self._runs_freely and timeout and self.active):
+        if not (self._runs_freely and timeout and self.active) or self.standby.stands_by:
             return IDLE
         self._watch_states(monotonic(), timeout)
         return min(IDLE, timeout / 4)

@@ -115,7 +115,8 @@ class Recorder(ParameterNode):
 
     def take(self) -> None:
         """Take what waits in the subscriptions: no executor does, it would drop the info."""
-        for subscription, inbox in self.inboxes.items():
+        # commands before the states that they answer: none is there without its state
+        for subscription, inbox in reversed(self.inboxes.items()):
             take = subscription.handle.take_message
             while taken := take(subscription.msg_type, True):
                 inbox.append(taken)

@@ -8,6 +8,7 @@ with the executor alive can crash, so executor, nodes and context go down in thi
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import sys
 from time import perf_counter
 from typing import Any
@@ -67,6 +68,12 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
                 serve_what_waits(executor)
             else:
                 executor.spin_once(timeout_sec=timeout)
+    except BaseException:
+        for node in nodes:  # what is recorded is not lost, whatever went wrong
+            with suppress(Exception):
+                node.close()
+        raise
+    else:
         for node in nodes:
             node.close()
     finally:

@@ -229,6 +229,12 @@ def test_a_bag_without_room_for_its_frame_is_refused_by_name(tmp_path):
         begun(tmp_path / 'run', 10).close()
 
 
+def test_a_bag_without_room_for_its_first_byte_leaves_nothing(tmp_path):
+    with room_for(10), pytest.raises(BagError, match=r"run' cannot be made: File too large$"):
+        BagWriter(tmp_path / 'run')
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture(scope='module')
 def whole(tmp_path_factory):
     return finished(tmp_path_factory.mktemp('bags') / 'run', 12_000) / 'run_0.mcap'

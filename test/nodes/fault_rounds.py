@@ -12,6 +12,7 @@ from collections import Counter
 import math
 from pathlib import Path
 import random
+import re
 import signal
 import sys
 import tempfile
@@ -49,7 +50,9 @@ class Run:
 
     def start(self, name):
         """Start a node, a recorder with a new bag."""
-        more = ('-p', f'duration:={self.duration}') if name == 'plant_simulator' else ()
+        # slow enough that the last samples are still to come when the client has seen some
+        more = ('-p', f'duration:={self.duration}', '-p', 'real_time_factor:=0.2'
+                ) if name == 'plant_simulator' else ()
         if name == 'recorder':
             self.bags.append(self.graph.folder / f'bag_{len(self.bags)}')
             more = ('-p', f'bag:={self.bags[-1]}')
@@ -64,6 +67,13 @@ class Run:
             stamp = self.states[-1].header.stamp
             return stamp.sec * 10**9 + stamp.nanosec >= START + tick * STEP
         self.client.spin_until(reached, f'sample {tick}')
+
+    def reach_any(self, rng):
+        """Serve up to any sample; returns whether it is not the time before the first one."""
+        at = rng.randrange(-500, round(self.duration / 1e-4) - 50)
+        if at >= 0:
+            self.reach(at)
+        return at >= 0
 
     def finish(self):
         """Wait for the end; every node leaves with status 0 and without a traceback."""
@@ -86,25 +96,32 @@ def ticks(rows):
 
 
 def kill_round(graph, client, victim, rng, duration=0.5):
-    """Kill ``victim`` at a random sample and start it again; returns the commands not in a bag."""
+    """
+    Kill ``victim`` at a random sample, or before the first one, and start it again.
+
+    Returns the number of commands that are not in a bag.
+    """
     run = Run(graph, client, duration)
     last = round(duration / 1e-4)
-    at = rng.randrange(last - 1500)
-    run.reach(at)
+    begun = run.reach_any(rng)
+    assert run.processes['plant_simulator'].running
     run.processes[victim].send(signal.SIGKILL)
     run.processes[victim].wait()
     run.start(victim)
-    if victim == 'plant_simulator':
+    if victim == 'plant_simulator' and begun:
         run.processes['controller'].says('started afresh')
     run.finish()
     whole = np.arange(last + 1)
     if victim == 'recorder':
-        killed, second = read(run.bags[0]), read(run.bags[1])
-        assert np.array_equal(ticks(killed.states), whole[:len(killed.states)])
+        second = read(run.bags[1])
+        if begun:
+            killed = read(run.bags[0])
+            assert np.array_equal(ticks(killed.states), whole[:len(killed.states)])
         assert np.array_equal(ticks(second.states), whole[-len(second.states):])
         assert np.array_equal(ticks(second.commands), whole[-len(second.commands):])
         return int(second.receipt['missing'])
-    bag = read(f'{run.bags[0]}-2' if victim == 'plant_simulator' else run.bags[0])
+    another = victim == 'plant_simulator' and begun
+    bag = read(f'{run.bags[0]}-2' if another else run.bags[0])
     assert np.array_equal(ticks(bag.states), whole)
     if victim == 'controller':
         # what it had just sent may reach the plant and not the recorder, which counts it
@@ -120,7 +137,8 @@ def kill_round(graph, client, victim, rng, duration=0.5):
 def stop_round(graph, client, victim, rng, duration=0.5):
     """Stop ``victim`` at a random sample for some seconds: not a bit differs."""
     run = Run(graph, client, duration)
-    run.reach(rng.randrange(round(duration / 1e-4) - 1500))
+    run.reach_any(rng)
+    assert run.processes['plant_simulator'].running
     run.processes[victim].send(signal.SIGSTOP)
     until = time.monotonic() + rng.uniform(0.5, 4.0)
     client.spin_until(lambda: time.monotonic() > until, 'some seconds')
@@ -193,39 +211,49 @@ class Faults:
         other.says('recording into')
         other.kill()
 
-    def reset(self, process):
-        reset = self._client.node.create_client(Trigger, '/plant_simulator/reset')
-        self._client.spin_until(lambda: not process.running or reset.service_is_ready(), 'reset')
-        reset.call_async(Trigger.Request())
+    def reset(self, _):
+        assert self._client.call('/plant_simulator/reset', Trigger, once=True).success
 
 
 def long_run(graph, client, minutes, rng, seconds=60.0):
-    """Run so many simulated minutes, of ``seconds``, with a fault in each; returns their count."""
+    """
+    Run so many simulated minutes, of ``seconds``, with a fault in each.
+
+    Returns the bag and how often each fault was.
+    """
     bag = graph.folder / 'long'
     clock = client.listen('/clock', Clock)
     process = graph.start(
         'closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p', f'recorder:bag:={bag}',
-        '-p', f'plant_simulator:duration:={seconds * minutes}', '-p',
-        'plant_simulator:clock_rate:=10.0')
+        '-p', 'plant_simulator:duration:=0.0', '-p', 'plant_simulator:clock_rate:=10.0')
+
+    def reach(at):
+        client.spin_until(lambda: not process.running or (
+            clock and clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec >= at), f'{at} s')
+        assert process.running, process.output
+        del clock[:-1]
     client.spin_until(lambda: clock, 'the run')  # which waits for what we publish to leave
     faults, done = Faults(graph, client, rng), Counter()
     for minute in range(minutes):
-        at = 1.0 + seconds * (minute + rng.uniform(0.0, 0.8))
-        client.spin_until(lambda at=at: not process.running or (
-            clock and clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec >= at), f'{at} s')
-        del clock[:-1]
+        reach(1.0 + seconds * (minute + rng.uniform(0.0, 0.8)))
         fault = faults.kinds[minute % len(faults.kinds)]
         fault(process)
         done[fault.__name__] += 1
-    client.spin_until(lambda: not process.running, 'the end')
-    assert process.wait() == 0, process.output
-    assert_no_sample_is_lost(bag, round(seconds * minutes / 1e-4))
+    reach(1.0 + seconds * minutes)
+    assert process.interrupt() == 0, process.output
+    assert_no_sample_is_lost(bag, seconds * minutes)
+    for count, what in re.findall(r'(\d+) (stale|foreign|rejected)', process.output):
+        assert int(count) > 0, what
     print(process.output, f'faults: {dict(done)}', sep='\n')
-    return done
+    return bag, done
 
 
-def assert_no_sample_is_lost(bag, steps):
-    """Go through the bag chunk by chunk: each sample's state once, and its command."""
+def assert_no_sample_is_lost(bag, seconds):
+    """
+    Go through the bag chunk by chunk: each sample's state once, and its command.
+
+    It has ``seconds`` or more; the last state may have been left without its command.
+    """
     states, commands, receipt = [], [], {}
     for item in columns(bag / f'{bag.name}_0.mcap'):
         if isinstance(item, Column):
@@ -235,9 +263,12 @@ def assert_no_sample_is_lost(bag, steps):
                 commands.append(np.unique(item.stamp))
         elif isinstance(item, Metadata) and item.name == 'recording':
             receipt = item.metadata
+    states, commands = np.concatenate(states), np.concatenate(commands)
+    steps = (int(states.max()) - START) // STEP
+    assert steps >= round(seconds / 1e-4)
     grid = START + np.arange(steps + 1) * STEP
-    assert not np.setdiff1d(grid, np.concatenate(states), assume_unique=True).size
-    assert not np.setdiff1d(grid, np.concatenate(commands), assume_unique=True).size
+    assert not np.setdiff1d(grid, states, assume_unique=True).size
+    assert not np.setdiff1d(grid[:-1], commands, assume_unique=True).size
     assert receipt['missing'] == '0', receipt
     print(f'{steps + 1} states, each with its command: {receipt}')
 
@@ -272,7 +303,7 @@ def main():
                   f'{sum(map(bool, missing))} of them, {sum(missing)} in all', flush=True)
     if options.minutes:
         began = time.monotonic()
-        done = one(long_run, options.minutes, random.Random(options.seed))
+        _, done = one(long_run, options.minutes, random.Random(options.seed))
         print(f'SUMMARY {options.minutes} simulated minutes in '
               f'{time.monotonic() - began:.0f} s: {sum(done.values())} faults, 0 lost')
     return 0

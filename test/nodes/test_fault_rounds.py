@@ -2,6 +2,7 @@
 
 import random
 
+from impulse_control_ros.files.recording import read
 from test.nodes.fault_rounds import kill_round, long_run, stop_round
 
 
@@ -14,4 +15,9 @@ def test_a_plant_stopped_at_a_random_sample_for_seconds_changes_no_bit(graph, cl
 
 
 def test_a_composed_run_with_faults_from_outside_loses_no_sample(graph, client):
-    assert sum(long_run(graph, client, 9, random.Random(1), seconds=1.0).values()) == 9
+    bag, done = long_run(graph, client, 9, random.Random(1), seconds=1.0)
+    assert len(done) == sum(done.values()) == 9
+    marked = read(bag).states[['position', 'velocity', 'marked']]
+    marked = marked[marked['marked']]
+    assert len(marked) == 1 + done['reset']
+    assert all(row.item() == (0.5, 0.0, True) for row in marked)

@@ -1,6 +1,8 @@
 """Nodes that do not fit each other, and others on the same topics."""
 
+import itertools
 import os
+import signal
 
 from mcap.reader import make_reader
 import numpy as np
@@ -11,10 +13,12 @@ from stereo_msgs.msg import DisparityImage
 
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.nodes.graph import own_publisher, publishers
-from test.conftest import CONFIG
+from impulse_control_ros.nodes.standby import SETTLE
+from test.conftest import CONFIG, wait_for
 
 UNDERDAMPED = CONFIG / 'underdamped.yaml'
 STEPS = 20_000
+RATE = 500  # commands a second of wall time
 
 
 def assert_whole(run, start=1_000_000_000):
@@ -204,10 +208,11 @@ def test_of_two_plants_that_wait_for_a_controller_one_goes_first(graph):
     assert controller.interrupt() == 0
 
 
-def test_a_second_controller_is_named_before_the_run(graph):
-    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.01')
+def test_a_second_controller_is_named_before_the_run(graph, client):
     first, second = graph.start('controller'), graph.start('controller', '--ros-args', '-r',
                                                            '__node:=other')
+    client.spin_until(lambda: client.node.count_publishers('/joint_commands') == 2, 'both')
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.01')
     plant.says('waiting for all but one of 2 controllers to leave /joint_commands (/')
     assert '/other' in plant.output
     assert '/controller' in plant.output
@@ -227,10 +232,7 @@ def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(gr
                          'impulses:=false')
     second.says('/controller is another controller of /joint_states: standing by')
     plant.says('2 controllers publish /joint_commands: of the commands of /')
-    enough = len(commands) + 300
-    client.spin_until(lambda: len(commands) > enough, 'commands')
-    stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands]
-    assert len(stamps) == len(set(stamps))
+    assert answered_once(client, commands)
     first.kill()
     assert client.set('plant_simulator', real_time_factor=0.0).successful
     client.spin_until(lambda: not plant.running, 'the end')
@@ -238,6 +240,93 @@ def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(gr
     assert second.interrupt() == 0
     last, state = commands[-1], states[-1]
     assert last.effort[0] == -20.0 * state.position[0] - 0.5 * state.velocity[0]
+
+
+def beside_a_first(graph, client, *plant_arguments):
+    """Start a slow plant, its controller and, when that has settled, one that stands by."""
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.0', '-p',
+                        f'real_time_factor:={RATE * 1e-4}', *plant_arguments)
+    commands = client.listen('/joint_commands', JointState)
+    first = graph.start('controller', '--ros-args', '-p', 'impulses:=false')
+    client.spin_until(lambda: len(commands) > (SETTLE + 1.0) * RATE, 'commands')
+    second = graph.start('controller', '--ros-args', '-r', '__node:=other', '-p',
+                         'impulses:=false')
+    second.says('/controller is another controller of /joint_states: standing by')
+    return plant, first, second, commands
+
+
+def answered_once(client, commands, count=300):
+    """Wait for more commands; tell whether each of the last ones answers a state of its own."""
+    enough = len(commands) + 1000 + count  # 1000 may have waited here
+    client.spin_until(lambda: len(commands) > enough, 'commands')
+    stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands[-count:]]
+    return len(stamps) == len(set(stamps))
+
+
+def test_a_controller_that_was_stopped_stands_by_for_the_one_that_took_over(graph, client):
+    plant, first, second, commands = beside_a_first(graph, client)
+    first.send(signal.SIGSTOP)
+    second.says('no other controller answers: taking over')
+    assert answered_once(client, commands)
+    first.send(signal.SIGCONT)
+    first.says('/other is another controller of /joint_states: standing by')
+    assert answered_once(client, commands)
+    assert second.interrupt() == 0
+    first.says('no other controller answers: taking over')
+    assert answered_once(client, commands)
+    assert plant.interrupt() == first.interrupt() == 0
+
+
+def test_of_two_that_stand_by_one_takes_over(graph, client):
+    plant, first, second, commands = beside_a_first(graph, client)
+    third = graph.start('controller', '--ros-args', '-r', '__node:=third', '-p',
+                        'impulses:=false')
+    third.says('another controller of /joint_states: standing by')
+    first.kill()
+    wait_for(lambda: 'taking over' in second.output + third.output, 'taking over')
+    assert answered_once(client, commands)
+    assert ('taking over' in second.output) != ('taking over' in third.output)
+    for process in (plant, second, third):
+        assert process.interrupt() == 0
+
+
+def test_beside_a_free_plant_a_second_controller_stands_by_and_sends_nothing(graph, client):
+    plant, first, second, commands = beside_a_first(
+        graph, client, '-p', 'lockstep:=false', '-p', 'time_step:=0.0001')
+    assert answered_once(client, commands)
+    first.send(signal.SIGSTOP)
+    second.says('no other controller answers: taking over')
+    assert answered_once(client, commands)
+    first.send(signal.SIGCONT)
+    first.says('/other is another controller of /joint_states: standing by')
+    assert answered_once(client, commands)
+    assert first.interrupt() == 0
+    assert not [one for one in commands if one.header.stamp.sec == 0]  # no zero in between
+    assert second.interrupt() == plant.interrupt() == 0
+
+
+def test_of_two_controllers_that_start_beside_a_free_plant_one_answers(graph, client):
+    names = ('controller', 'other')
+    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}', '-p',
+                               'time_step:=0.001') for name in names]
+    publisher = client.node.create_publisher(JointState, '/joint_states', 10)
+    commands = client.listen('/joint_commands', JointState)
+    client.spin_until(lambda: publisher.get_subscription_count() == 2
+                      and client.node.count_publishers('/joint_commands') == 2, 'both')
+    states = itertools.count(1)
+
+    def feed():
+        message = JointState(name=['axis'], position=[0.5], velocity=[0.0], effort=[0.0])
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            next(states) * 1_000_000, 10**9)
+        publisher.publish(message)
+        return len(commands) > 500
+    client.spin_until(feed, 'commands')
+    stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands]
+    assert len(stamps) == len(set(stamps))
+    assert ['taking over' in one.output for one in controllers].count(True) == 1
+    for controller in controllers:
+        assert controller.interrupt() == 0
 
 
 def test_the_damping_of_a_bag_stands_at_the_state_it_was_published_after(graph):

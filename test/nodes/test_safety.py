@@ -90,6 +90,34 @@ def test_states_that_stay_away_make_a_zero_command_and_their_return_ends_it(hand
     assert process.interrupt() == 0
 
 
+def test_a_source_that_sends_the_same_for_ever_has_stopped(hand_fed, client):
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.2')
+    feed(state(0, 0.5))
+    assert feed(state(1, 0.4)) != 0.0
+
+    def same():
+        feed.publisher.publish(state(1, 0.4))
+        return len([one for one in commands if stamp(one) == 0]) > 2
+    client.spin_until(same, '0 N')
+    process.says('no state for 0.2 s: 0 N is commanded')
+    assert len([one for one in commands if stamp(one) == stamp(state(1, 0.4))]) == 1
+
+
+@pytest.mark.parametrize(('sec', 'nanosec', 'said'), [
+    (0, 0, 'rejected a state with the stamp 0.000000000 s: that is none'),
+    (1, 1_000_000, 'rejected a state with the stamp 1.001000000 s: so has the one before')])
+def test_a_state_without_a_stamp_of_its_own_is_rejected(hand_fed, client, sec, nanosec, said):
+    process, feed, commands = hand_fed('-p', 'state_timeout:=0.0')
+    feed(state(0, 0.5))
+    feed(state(1, 0.4))
+    wrong = state(1, 0.3)
+    wrong.header.stamp.sec, wrong.header.stamp.nanosec = sec, nanosec
+    feed.publisher.publish(wrong)
+    process.says(said)
+    feed(state(2, 0.2))
+    assert [stamp(one) for one in commands] == [stamp(state(k, 0.0)) for k in range(3)]
+
+
 def test_a_free_plant_whose_states_no_longer_reach_the_controller_gets_zero(graph, client):
     plant = graph.start('plant_simulator', *COARSE, *FREE, '-r', 'joint_states:=measured')
     controller = graph.start('controller', *COARSE, '-p', 'state_timeout:=0.2')

@@ -47,10 +47,13 @@ def mute_plant(client):
     node.destroy_node()
 
 
+STANDING_BY = ('subscribe', '/joint_commands')
+
+
 def assert_takes_what_is_granted(client, names):
     """Watch nodes until each has been seen with all that its policy grants, and nothing else."""
     wanted = {name: granted(name) - {('reply', optional) for optional in OPTIONAL}
-              for name in names}
+              - ({STANDING_BY} if name == 'controller' else set()) for name in names}
     seen = {name: set() for name in names}
 
     def complete():
@@ -87,3 +90,17 @@ def test_controller_and_recorder_take_the_access_that_they_are_granted(
     assert_takes_what_is_granted(client, ['controller', 'recorder'])
     for process in processes:
         assert process.interrupt() == 0
+
+
+def test_a_controller_that_stands_by_takes_the_commands_that_it_is_granted(
+        graph, client, mute_plant):
+    client.node.create_publisher(JointState, '/joint_commands', 10)
+    process = graph.start('controller')
+    client.spin_until(mute_plant.get_subscription_count, 'a controller')
+    state = JointState(name=['axis'], position=[0.5], velocity=[0.0])
+    state.header.stamp.sec = 1
+    mute_plant.publish(state)
+    client.spin_until(lambda: STANDING_BY in taken(client.node, 'controller'), 'who stands by')
+    assert STANDING_BY in granted('controller')
+    process.says('/test_client is another controller of /joint_states: standing by')
+    assert process.interrupt() == 0

@@ -1,0 +1,137 @@
+"""
+Whether a controller answers its plant, or stands by because another one does.
+
+A plant in lockstep publishes a state again that nobody has answered: who stands by takes over
+then. One that runs freely does not ask, so who stands by listens to the commands of the others,
+and takes over once there have been none for SILENCE. Where several stand by, the one of the
+lowest id is the first, the next one waits once more.
+
+Two that answer at a time are told apart by who may have come later: a process that was stopped
+for a while stands by where there is another one, and one that found itself alone at its start
+listens, for the other may not have been discovered yet.
+"""
+
+from time import monotonic
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+
+from impulse_control_ros.nodes.graph import publishers
+from impulse_control_ros.nodes.topics import JOINT_COMMANDS, JOINT_STATES, SERIES_QOS
+
+SILENCE = 1.0  # s of wall time
+LOOK_PERIOD = 0.1
+SETTLE = 4.0  # s; DDS repeats a lost discovery after 3 s
+MARGIN = 10  # commands of our own that may not be in our count
+
+
+class Standby:
+    """
+    The controllers besides ``node``, whose publisher of commands has an id among ``own``.
+
+    ``stands_by`` tells whether another one answers, which is never so for one that is to be
+    ``alone``; ``patience`` [s] is how long the others wait for a command before they take over.
+    """
+
+    def __init__(self, node: Node, own: set[bytes]) -> None:
+        self.stands_by, self.alone, self.patience = False, False, SILENCE
+        self._node, self._own = node, own
+        self._passed: tuple[int, int] | None = None
+        self._again, self._passed_at, self._look_at = 0, 0.0, 0.0
+        self._ear: Subscription | None = None
+        self._served_at = self._heard_at = monotonic()
+        self._heard = self._sent_before = 0
+        self._settled_at = 0.0
+        self._doubtful = self._said = False
+
+    def passes(self, stamp: tuple[int, int], freely: bool) -> bool:
+        """Tell whether to pass by a state of a plant that may run ``freely``."""
+        if self.alone:
+            return False
+        now = monotonic()
+        if stamp != self._passed:
+            self._passed, self._passed_at, self._again = stamp, now, 0
+        elif now > self._passed_at + 0.5 * self.patience:  # nor is it one that waited here
+            self._passed_at = now
+            self._again += 1
+        if now >= self._look_at or self._again:
+            self._look_at = now + LOOK_PERIOD
+            self._look(now, freely)
+        return self.stands_by
+
+    def _look(self, now: float, freely: bool) -> None:
+        others, stood_by = self._others(), self.stands_by
+        turn = sum(number < min(self._own, default=b'') for number in others)
+        if others and freely:
+            self._listen(now, 0)
+            self.stands_by = now < self._heard_at + (1 + turn) * SILENCE
+        else:
+            self.stands_by = bool(others) and self._again <= turn
+        if not self.stands_by:
+            self._listen_no_more()
+        if self.stands_by:
+            self._say(others)
+        elif stood_by:
+            self._said = False
+            self._node.get_logger().info('no other controller answers: taking over')
+        elif not others:
+            self._settled_at = now + SETTLE
+
+    def _say(self, others: dict[bytes, str]) -> None:
+        if not self._said and all(others.values()):  # else discovery is yet to tell a name
+            self._said = True
+            self._node.get_logger().warning(
+                f'{" and ".join(others.values())} is another controller of '
+                f'{self._node.resolve_topic_name(JOINT_STATES)}: standing by')
+
+    def _others(self) -> dict[bytes, str]:
+        return {number: name for number, name in publishers(self._node, JOINT_COMMANDS).items()
+                if number not in self._own}
+
+    def _listen(self, now: float, sent: int) -> None:
+        if self._ear is None:
+            self._heard, self._heard_at, self._sent_before = 0, now, sent
+            self._ear = self._node.create_subscription(
+                JointState, JOINT_COMMANDS, self._hear, SERIES_QOS, raw=True)
+
+    def _hear(self, _: bytes) -> None:
+        self._heard += 1
+        self._heard_at = monotonic()
+
+    def _listen_no_more(self) -> None:
+        if self._ear is not None:
+            self._node.destroy_subscription(self._ear)
+            self._ear = None
+
+    def serve(self) -> None:
+        """Take note that the process runs."""
+        now = monotonic()
+        self._doubtful = self._doubtful or now > self._served_at + self.patience
+        self._served_at = now
+
+    def gives_way(self, sent: int) -> bool:
+        """Stand by from now on where another one answers; ``sent`` is the number of commands."""
+        self.serve()
+        if self.stands_by or self.alone:
+            return False
+        doubtful, self._doubtful = self._doubtful, False
+        others = self._others() if doubtful or self._hears_another(sent) else {}
+        if others:
+            self.stands_by, self._settled_at = True, 0.0
+            self._listen_no_more()
+            self._say(others)
+        return bool(others)
+
+    def _hears_another(self, sent: int) -> bool:
+        """Tell whether there are more commands than our own, while we may have come later."""
+        now = self._served_at
+        if not self._settled_at or now < self._look_at:
+            return False
+        self._look_at = now + LOOK_PERIOD
+        if now >= self._settled_at:
+            self._settled_at = 0.0
+            self._listen_no_more()
+        elif self._others():
+            self._listen(now, sent)
+        return self._ear is not None and self._heard > sent - self._sent_before + MARGIN
