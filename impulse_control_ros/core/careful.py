@@ -159,8 +159,8 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     met = allowed(met, before, seen, wary, direction, stood)
     guard = met if before.hold == 0.0 and law.impulses != 0.0 else NO_IMPULSE
     area = impulse_area(guard, law, error, velocity)
-    waiting = due(before.pending, error, velocity)
-    pending = waiting + area if law.impulses != 0.0 else 0.0
+    owed = due(before.pending, area, error, velocity)
+    pending = owed if law.impulses != 0.0 else 0.0
     feedback, integral = feedback_of(law, wary, seen.integral, error, velocity)
     effort, waits = sent(law, feedback, pending)
 

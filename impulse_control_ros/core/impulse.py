@@ -203,10 +203,10 @@ def within(limit, effort):
 
 
 @compiled
-def due(pending, error, velocity):
-    """Return the area [N s] that still waits, none where it would drive the axis further off."""
-    way = sign(pending)
-    return 0.0 if (way == sign(error)) & (way == sign(velocity)) else pending
+def due(pending, area, error, velocity):
+    """Return what waits and comes [N s], without the former where it drives the axis away."""
+    way = sign(pending + area)
+    return area if (way == sign(error)) & (way == sign(velocity)) else pending + area
 
 
 @compiled
@@ -233,8 +233,8 @@ def answered(memory, gains, position, velocity):
     met = guard_of(memory, gains, error, error, direction)
     guard = met if (memory.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
     area = impulse_area(guard, gains, error, velocity)
-    waiting = due(memory.pending, error, velocity)
-    pending = waiting + area if gains.impulses != 0.0 else 0.0
+    owed = due(memory.pending, area, error, velocity)
+    pending = owed if gains.impulses != 0.0 else 0.0
 
     effort, waits = sent(gains, -gains.K * error - gains.D * velocity, pending)
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)

@@ -179,7 +179,7 @@ def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limi
     assert (np.abs(given_answers['effort']) <= limit).all()
     waits = 0.0
     for (x, v), answer in zip(samples + rest, given_answers, strict=True):
-        if np.sign(waits) == np.sign(x) == np.sign(v):
+        if np.sign(waits + answer['area']) == np.sign(x) == np.sign(v):
             waits = 0.0
         feedback = np.clip(pd(x, v), -limit, limit)
         waits += answer['area'] - (answer['effort'] - feedback) * STEP

@@ -80,7 +80,7 @@ class Law(RuleBasedStateMachine):
         self.integral = self.integral if windup else grown
         feedback = -gains.K * error - gains.D * taken - self.integral
         feedback = min(max(feedback, -limit), limit)
-        if np.sign(waiting) == np.sign(error) == np.sign(taken):
+        if np.sign(waiting + self.area) == np.sign(error) == np.sign(taken):
             self.owed -= waiting
             waiting = 0.0
         if gains.impulses:
