@@ -11,6 +11,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.experiment import read_experiment
@@ -231,18 +232,23 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(r
         assert reader.message_count == sum(1 for _ in reader.messages())
 
 
-@pytest.mark.parametrize('arguments', [('plant_simulator',), ('closed_loop', '--no-recorder')])
-def test_a_subscriber_that_gets_nothing_for_its_quality_of_service_is_reported(
-        graph, client, arguments):
-    process = graph.start(*arguments)
+@pytest.mark.parametrize(('arguments', 'published', 'subscribed'), [
+    (('plant_simulator',), 'joint_states', 'joint_commands'),
+    (('closed_loop', '--no-recorder'), 'joint_states', 'joint_commands'),
+    (('controller',), 'joint_commands', 'joint_states'),
+    (('recorder',), 'recorder_progress', 'joint_states')], ids=str)
+def test_an_endpoint_that_gets_nothing_for_its_quality_of_service_is_reported(
+        graph, client, arguments, published, subscribed):
+    options = ('--ros-args', '-p', f'bag:={graph.folder / "bag"}') * (arguments[0] == 'recorder')
+    process = graph.start(*arguments, *options)
     client.node.create_subscription(
-        JointState, '/joint_states', print,
+        Header if published == 'recorder_progress' else JointState, f'/{published}', print,
         QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-    process.says("topic 'joint_states', requesting incompatible QoS")
+    process.says(f"topic '{published}', requesting incompatible QoS")
     assert 'DURABILITY' in process.output
     publisher = client.node.create_publisher(
-        JointState, '/joint_commands',
+        JointState, f'/{subscribed}',
         QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
-    process.says("topic 'joint_commands', offering incompatible QoS")
+    process.says(f"topic '{subscribed}', offering incompatible QoS")
     publisher.publish(JointState(name=['axis'], effort=[1.0]))
     assert process.interrupt() == 0

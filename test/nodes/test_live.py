@@ -220,6 +220,7 @@ def test_stale_foreign_and_broken_commands_are_counted_and_change_nothing(graph,
     publisher.publish(command(0, 5, [1.0]))
     publisher.publish(command(1, 50, [1.0]))
     publisher.publish(command(1, 0, [float('nan')]))
+    plant.says('rejected a command with effort nan')
     publisher.publish(command(1, 0, []))
     publisher.publish(command(1, 0, [1.0], name='elbow'))
     publisher.publish(command(1, 0, [0.5]))
