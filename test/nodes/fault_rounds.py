@@ -227,9 +227,14 @@ def long_run(graph, client, minutes, rng, seconds=60.0):
         'closed_loop', '--ros-args', '--params-file', UNDERDAMPED, '-p', f'recorder:bag:={bag}',
         '-p', 'plant_simulator:duration:=0.0', '-p', 'plant_simulator:clock_rate:=10.0')
 
+    def now():
+        return clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec
+
     def reach(at):
-        client.spin_until(lambda: not process.running or (
-            clock and clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec >= at), f'{at} s')
+        while process.running and now() < at:
+            before = now()
+            client.spin_until(lambda before=before: not process.running or now() > before,
+                              f'what follows {before} s')
         assert process.running, process.output
         del clock[:-1]
     client.spin_until(lambda: clock, 'the run')  # which waits for what we publish to leave
