@@ -121,6 +121,7 @@ def test_a_controller_that_is_stopped_and_goes_on_costs_no_step_and_no_bit(runni
     running.plant.says('published again')
     running.controller.send(signal.SIGCONT)
     run = running.finish()
+    assert 'rejected' not in running.controller.output  # what comes again is answered again
     assert_whole(run)
     experiment = read_experiment(UNDERDAMPED)
     alone = simulate(experiment.plant_simulator, experiment.controller, 2.0)

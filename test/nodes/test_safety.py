@@ -63,6 +63,17 @@ def test_an_effort_that_is_not_finite_is_sent_as_zero_with_the_reason(
     assert process.interrupt() == 0
 
 
+FRESH, ON = -5.0 - 375.0, -5.0 - 187.5  # N at rest at 0.5 m: an arrival, and a sticking impulse
+
+
+def test_what_is_withheld_and_a_clock_that_goes_back_clear_the_memory_of_the_guards(hand_fed):
+    _, feed, _ = hand_fed('-p', 'state_timeout:=0.0')
+    assert [feed(state(k, 0.5)) for k in (5, 6)] == pytest.approx([FRESH, ON])
+    assert feed(state(7, 1e308)) == 0.0
+    assert [feed(state(k, 0.5)) for k in (8, 9)] == pytest.approx([FRESH, ON])
+    assert [feed(state(k, 0.5)) for k in (2, 3)] == pytest.approx([FRESH, ON])
+
+
 @pytest.mark.parametrize('period', [1, 2])
 def test_states_at_another_rate_than_time_step_are_an_error(hand_fed, client, period):
     process, feed, _ = hand_fed('-p', 'state_timeout:=0.0')
@@ -179,7 +190,7 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     recorder = graph.start('recorder', '--ros-args', '--params-file', UNDERDAMPED, '-p',
                            f'bag:={bag}')
     states = client.listen('/joint_states', JointState)
-
+    commands = client.listen('/joint_commands', JointState)
     client.spin_until(lambda: len(states) > 1, 'a state that comes again')
     assert len({stamp(one) for one in states}) == 1
     assert changed(client, Transition.TRANSITION_ACTIVATE) == 'unconfigured'
@@ -204,6 +215,8 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     run = read(bag)
     assert np.array_equal(run.states['stamp'], run.commands['stamp'])
     assert run.receipt['missing'] == '0'
+    assert len(commands) > 100
+    assert all(stamp(one) for one in commands)  # it waits for a command: 0 N would be none
 
 
 def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
@@ -216,6 +229,13 @@ def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
     assert changed(client, Transition.TRANSITION_DEACTIVATE) == 'inactive'
     states.clear()
     client.spin_until(lambda: len(states) > 5 and states[-1].effort[0] == 0.0, 'zero efforts')
+    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    reports = client.listen('/diagnostics', DiagnosticArray)
+    last = client.spin_until(lambda: [
+        values for report in reports for status in report.status if status.name == '/controller'
+        for values in [{one.key: one.value for one in status.values}]
+        if status.message == 'answering'], 'a report')[-1]
+    assert int(last['lost']) < 5  # what passed while it was not active is not counted
     for process in (plant, controller):
         assert process.interrupt() == 0
         assert 'Traceback' not in process.output
