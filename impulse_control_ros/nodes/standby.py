@@ -6,9 +6,9 @@ then. One that runs freely does not ask, so who stands by listens to the command
 and takes over once there have been none for SILENCE. Where several stand by, the one of the
 lowest id is the first, the next one waits once more.
 
-Two that answer at a time are told apart by who may have come later: a process that was stopped
-for a while stands by where there is another one, and one that found itself alone at its start
-listens, for the other may not have been discovered yet.
+Two that answer at a time are told apart by who came later: a process that was stopped for a while
+stands by where there is another one, and one that has just begun to answer listens, for the other
+may not have been discovered yet, or only have been late.
 """
 
 from time import monotonic
@@ -40,7 +40,7 @@ class Standby:
         self._passed: tuple[int, int] | None = None
         self._again, self._passed_at, self._look_at = 0, 0.0, 0.0
         self._ear: Subscription | None = None
-        self._served_at = self._heard_at = monotonic()
+        self._served_at = self._listens_since = self._heard_at = monotonic()
         self._heard = self._sent_before = 0
         self._settled_at = 0.0
         self._doubtful = self._said = False
@@ -64,7 +64,10 @@ class Standby:
         others, stood_by = self._others(), self.stands_by
         turn = sum(number < min(self._own, default=b'') for number in others)
         if others and freely:
-            self._listen(now, 0)
+            ear = self._listen(now, 0)
+            if now < self._listens_since + SETTLE and (
+                    ear.get_publisher_count() < len(others) + len(self._own)):
+                self._heard_at = now  # it may not be heard yet
             self.stands_by = now < self._heard_at + (1 + turn) * SILENCE
         else:
             self.stands_by = bool(others) and self._again <= turn
@@ -72,11 +75,11 @@ class Standby:
             self._listen_no_more()
         if self.stands_by:
             self._say(others)
-        elif stood_by:
+            return
+        self._settled_at = now + SETTLE
+        if stood_by:
             self._said = False
             self._node.get_logger().info('no other controller answers: taking over')
-        elif not others:
-            self._settled_at = now + SETTLE
 
     def _say(self, others: dict[bytes, str]) -> None:
         if not self._said and all(others.values()):  # else discovery is yet to tell a name
@@ -89,11 +92,13 @@ class Standby:
         return {number: name for number, name in publishers(self._node, JOINT_COMMANDS).items()
                 if number not in self._own}
 
-    def _listen(self, now: float, sent: int) -> None:
+    def _listen(self, now: float, sent: int) -> Subscription:
         if self._ear is None:
-            self._heard, self._heard_at, self._sent_before = 0, now, sent
+            self._listens_since = self._heard_at = now
+            self._heard, self._sent_before = 0, sent
             self._ear = self._node.create_subscription(
                 JointState, JOINT_COMMANDS, self._hear, SERIES_QOS, raw=True)
+        return self._ear
 
     def _hear(self, _: bytes) -> None:
         self._heard += 1
