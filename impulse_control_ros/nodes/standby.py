@@ -56,6 +56,8 @@ class Standby:
             self._passed_at = now
             self._again += 1
         if now >= self._look_at or self._again:
+            if now > self._look_at + SILENCE:
+                self._heard_at = now  # without states there was nothing to answer
             self._look_at = now + LOOK_PERIOD
             self._look(now, freely)
         return self.stands_by
@@ -71,11 +73,10 @@ class Standby:
             self.stands_by = now < self._heard_at + (1 + turn) * SILENCE
         else:
             self.stands_by = bool(others) and self._again <= turn
-        if not self.stands_by:
-            self._listen_no_more()
         if self.stands_by:
             self._say(others)
             return
+        self._listen_no_more()
         self._settled_at = now + SETTLE
         if stood_by:
             self._said = False

@@ -3,17 +3,19 @@
 import itertools
 import os
 import signal
+import time
 
 from mcap.reader import make_reader
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from std_srvs.srv import SetBool
 from stereo_msgs.msg import DisparityImage
 
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.nodes.graph import own_publisher, publishers
-from impulse_control_ros.nodes.standby import SETTLE
+from impulse_control_ros.nodes.standby import SETTLE, SILENCE
 from test.conftest import CONFIG, wait_for
 
 UNDERDAMPED = CONFIG / 'underdamped.yaml'
@@ -297,6 +299,12 @@ def test_beside_a_free_plant_a_second_controller_stands_by_and_sends_nothing(gra
     plant, first, second, commands = beside_a_first(
         graph, client, '-p', 'lockstep:=false', '-p', 'time_step:=0.0001')
     assert answered_once(client, commands)
+    for paused in (True, False):  # without states there is nothing to answer
+        assert client.call('/plant_simulator/pause', SetBool, data=paused).success
+        until = time.monotonic() + 1.5 * SILENCE
+        client.spin_until(lambda until=until: time.monotonic() > until, 'more than SILENCE')
+    assert 'taking over' not in second.output
+    commands.clear()
     first.send(signal.SIGSTOP)
     second.says('no other controller answers: taking over')
     assert answered_once(client, commands)
