@@ -10,7 +10,7 @@ alpha         `alpha_bounds`              N s      0.5 m abs(v) <= alpha < m abs
 beta          `beta`                      N s      abs(e) d_bar / (2 c) (26)
 F_c / K       `dead_zone`                 m        where PD alone sticks (section IV-C)
 e_floor       `sampled_floor`             m        2 F_c dt / (kappa d_bar), kappa = 2 / c
-e_quiet       `quiet_error`               m        up to 2 e_floor: a release is to be seen
+e_quiet       `quiet_error`               m        e_floor, more where a release is not seen
 t_1           `first_zero_time`           s        first e = 0, from (12)
 v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
 ============  ==========================  =======  ============================================
@@ -80,9 +80,9 @@ def sampled_floor(gains: Controller, F_c: float) -> float:
     return gains.c * F_c * gains.time_step / gains.d_bar
 
 
-def quiet_error(gains: Controller, F_c: float, time_constant: float = 0.0) -> float:
+def quiet_error(gains: Controller, F_c: float, m: float, time_constant: float = 0.0) -> float:
     """
-    Return the error [m] above which an impulse releases a standing axis, and is seen to.
+    Return the error [m] above which an impulse releases a standing mass ``m`` [kg], and is seen.
 
     A release slower than ``velocity_deadband`` is none to the guards: the next impulse is one of
     a sticking axis, of half the area, and there are impulses on and on below 2 e_floor. The lag
@@ -92,7 +92,7 @@ def quiet_error(gains: Controller, F_c: float, time_constant: float = 0.0) -> fl
         gone = -math.expm1(-gains.time_step / time_constant)
         held = gone * time_constant / gains.time_step
         return 2.0 * sampled_floor(gains, F_c / max(1.0 - held, gone * held))
-    unseen = min(gains.m * gains.velocity_deadband / (F_c * gains.time_step), 1.0)
+    unseen = min(m * gains.velocity_deadband / (F_c * gains.time_step), 1.0)
     return sampled_floor(gains, F_c) * (1.0 + unseen)
 
 
@@ -217,7 +217,8 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
                 f'impulses = false leaves the axis sticking anywhere within {name} / K = '
                 f'{dead_zone(gains, friction):g} m of x_r'))
         return
-    quiet = quiet_error(gains, friction, axis.actuator.time_constant)
+    quiet = quiet_error(gains, friction, max(axis.m, axis.m + axis.payload.mass),
+                        axis.actuator.time_constant)
     if _least_error(gains, axis.sensor.resolution) < quiet:
         yield Finding(level=Level.NOTE, text=(
             f'position_deadband = {gains.position_deadband:g} m is below {quiet:g} m, up to which '

@@ -25,8 +25,8 @@ The guards see samples only, and compare signs, never products (products underfl
 A sample that meets both guards acts as a position zero. An impulse of area J leaves as an
 effort of J / dt for one sample; under an effort limit what does not fit waits, and velocity
 guards rest until it has left, or until impulses are switched off. What waits is dropped where it
-would push the axis on, away from the set-point: that has jumped, or one sample was wrong. After a
-position zero no impulse starts for hold_off samples.
+would push the axis on, away from the set-point, as after a wrong sample, or with a tight limit.
+After a position zero no impulse starts for hold_off samples.
 """
 
 from collections.abc import Mapping

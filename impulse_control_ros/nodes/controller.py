@@ -83,7 +83,7 @@ class Controller(ManagedNode):
         self._seen = b''
         self._sent: tuple[bytes, bytes] = (b'', b'')
         self._stamp = self._first = NEVER
-        self._answered_before = self._lost_before = 0
+        self._answered_before = self._lost_before = self._sent_besides = 0
         self._step_ns = nanoseconds(self.parameters.time_step, 'time_step')
         self._plant: PeerParameters | None = None
         self._plant_known = False
@@ -127,8 +127,8 @@ class Controller(ManagedNode):
         require_agreement(plant, axis, self.parameters.flat())
         self._axis = axis_of(axis)
         self._plant_known, self._runs_freely = True, not axis.get('lockstep', False)
-        self.standby.patience = SILENCE if self._runs_freely else axis.get(
-            'command_timeout', SILENCE)
+        # in lockstep nobody takes over before the state has come again
+        self.standby.patience = max(SILENCE, axis.get('command_timeout', SILENCE))
         self.get_logger().info(f'answering {plant}')
         self._warn()
 
@@ -234,13 +234,13 @@ class Controller(ManagedNode):
         """Answer one joint state, given as CDR."""
         if not self.active:
             return
-        if raw == self._seen:
+        if raw == self._seen and not self.standby.stands_by:
             self._repeat()
             return
         if not self._plant_known:
             self._held = raw
             return
-        if self.standby.gives_way(self._counts['answered'] + self._counts['repeated']):
+        if self.standby.gives_way(self._counts['answered'] + self._sent_besides):
             self._forget()
         values = self._state_layout.decode(raw)
         if values is not None and math.isfinite(values[2]) and math.isfinite(values[3]):
@@ -300,6 +300,7 @@ class Controller(ManagedNode):
         if event:
             self._events.publish(event)
         self._commands.publish(command)
+        self._sent_besides += 1
 
     def _withhold(self, effort: float, position: float, velocity: float) -> None:
         """Account for an ``effort`` that is not sent."""
@@ -333,7 +334,7 @@ class Controller(ManagedNode):
         if self._held and not self._plant_known:
             self._meet_plant()
             return 0.02
-        if self.standby.gives_way(self._counts['answered'] + self._counts['repeated']):
+        if self.standby.gives_way(self._counts['answered'] + self._sent_besides):
             self._forget()
         timeout = self.parameters.state_timeout
         if not (self._runs_freely and timeout and self.active) or self.standby.stands_by:
@@ -359,6 +360,7 @@ class Controller(ManagedNode):
         """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
         self._memory, self._watch = fresh_memory(), fresh_watch()
         self._commands.publish(self._command_layouts[NO_IMPULSE].encode(0, 0, 0.0))
+        self._sent_besides += 1
 
     def close(self) -> None:
         """Leave no effort behind, and wait until what was sent has arrived."""

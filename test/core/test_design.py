@@ -169,8 +169,8 @@ def test_a_lag_raises_the_error_from_which_an_impulse_releases():
     assert 'a position_deadband above 0.00808033 m ends them' in text  # 2 c F_c T / d_bar and 1 %
     assert at_rest(axis, patient, 2.1e-3, 4e-3) == 24  # that is where even an arrival moves it
     # one that is short beside a sample changes nothing but what is not seen
-    assert quiet_error(patient, 0.3, 1e-9) == pytest.approx(
-        quiet_error(patient, 0.3), rel=2e-5)
+    assert quiet_error(patient, 0.3, 0.1, 1e-9) == pytest.approx(
+        quiet_error(patient, 0.3, 0.1), rel=2e-5)
 
 
 @pytest.mark.parametrize('damping', [
@@ -210,6 +210,9 @@ def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_doub
     assert at_rest(ROUGH, hiding) > 0
     assert said(Level.NOTE, replace(hiding, position_deadband=2.01e-4), ROUGH) == []
     assert at_rest(ROUGH, replace(hiding, position_deadband=2.01e-4)) == 0
+    loaded = replace(ROUGH, payload=Payload(mass=0.1))
+    assert any('above 0.000266667 m ends them' in text
+               for text in said(Level.NOTE, hiding, loaded))
     text, = said(Level.NOTE, replace(hiding, velocity_deadband=1.0), ROUGH)
     assert 'above 0.000266667 m ends them' in text
 
