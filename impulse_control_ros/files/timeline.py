@@ -88,8 +88,8 @@ class Timeline:
     been taken. ``newest`` is the stamp [ns] of the newest state, ``reached`` of the last one
     whose command is there too, 0 before, ``awaited`` of the first command that waits for its
     event, 0 for none. ``begun`` has the stamp of the first command of each controller that came
-    in mid-run, where the middleware numbers the messages of a writer. ``over`` tells that the
-    next state is the first of another run.
+    in mid-run, where the middleware numbers the messages of a writer (``numbered``). ``over``
+    tells that the next state is the first of another run.
     """
 
     def __init__(self, step_ns: int, joint: str = '', alone: Callable[[], bool] = lambda: True,
@@ -97,7 +97,7 @@ class Timeline:
         self.missing = self.repeated = self.foreign = self.taken = 0
         self.newest = self.reached = self.awaited = 0
         self.begun: list[int] = []
-        self.over = False
+        self.over = self.numbered = False
         self.step_ns = step_ns
         self._joint = string(joint) if joint else b''
         self._alone = alone
@@ -151,6 +151,7 @@ class Timeline:
         """
         if number == UNNUMBERED:
             return False
+        self.numbered = True
         earlier = [last for last in self._numbers if last < number]
         if earlier:
             self._numbers.remove(max(earlier))

@@ -87,7 +87,8 @@ class Controller(ManagedNode):
         self._step_ns = nanoseconds(self.parameters.time_step, 'time_step')
         self._plant: PeerParameters | None = None
         self._plant_known = False
-        self._held = b''
+        self._held = self._met = b''
+        self._passed = (0, 0)
         self._findings: list[Finding] = []
         self._axis: Axis | None = None
         self._counts = {'answered': 0, 'impulses': 0, 'repeated': 0, 'rejected': 0, 'withheld': 0}
@@ -147,10 +148,10 @@ class Controller(ManagedNode):
             self.get_logger().warning(f'{plant} does not tell its parameters: joint and time step '
                                       'are taken to be ours')
             self._runs_freely = True
-        self._plant_known, self._plant = True, None
+        self._plant_known, self._plant, self._met = True, None, self._held
         self.on_state(self._held)
 
-    def _start_afresh(self, sec: int, nanosec: int) -> bool:
+    def _start_afresh(self, sec: int, nanosec: int, mark: bool, raw: bytes) -> bool:
         """
         Clear the guard memory; returns False for a state that is not to be answered now.
 
@@ -163,8 +164,13 @@ class Controller(ManagedNode):
                 f'two plants publish {self.states.topic_name}: the state at {sec}.{nanosec:09d} s '
                 'is not answered', throttle_duration_sec=5.0)
             return False
-        if self._stamp == NEVER and self.standby.passes((sec, nanosec), self._runs_freely):
-            return False
+        if self._stamp == NEVER:
+            passed, self._passed = self._passed, (sec, nanosec)
+            if (mark or (sec, nanosec) < passed) and raw != self._met and not self.standby.alone:
+                self._plant_known = False  # it may be another one than that we stood by for
+                return False
+            if self.standby.passes((sec, nanosec), self._runs_freely):
+                return False
         self._memory, self._watch = fresh_memory(), fresh_watch()
         if self._stamp == NEVER:
             self._first, self._answered_before = (sec, nanosec), self._counts['answered']
@@ -202,6 +208,7 @@ class Controller(ManagedNode):
     def activated(self) -> None:
         """Answer from now on, as at a start."""
         self._forget()
+        self._plant_known = self.standby.alone
 
     def _forget(self) -> None:
         """Let the next state be the first one."""
@@ -256,7 +263,8 @@ class Controller(ManagedNode):
             self._reject(f'a state with the stamp {sec}.{nanosec:09d} s: '
                          + ('so has the one before' if sec or nanosec else 'that is none'))
             return
-        if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(sec, nanosec):
+        if ((sec, nanosec) <= self._stamp or mark) and not self._start_afresh(
+                sec, nanosec, mark, raw):
             self._held = b'' if self._plant_known else raw
             return
         self._stamp, self._seen = (sec, nanosec), raw

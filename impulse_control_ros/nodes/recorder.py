@@ -200,6 +200,14 @@ class Recorder(ParameterNode):
         stamp = (self._timeline.begun or [noticed]).pop(0)
         self._add_parameters(f'{node}:{stamp}', values)
 
+    def _add_newcomers(self, everything: bool) -> None:
+        """Add those of one name with another who have sent a command, as far as that is known."""
+        timeline = self._timeline
+        while self._newcomers and (timeline.begun or (everything and not timeline.numbered)):
+            self._add_newcomer(*self._newcomers.pop(0))
+        if everything:
+            self._newcomers.clear()
+
     def _open(self, parameters: dict[str, dict[str, Any]]) -> None:
         names = (self._name if number == 1 else f'{self._name}-{number}'
                  for number in count(self._bags + 1))
@@ -247,8 +255,7 @@ class Recorder(ParameterNode):
             self._first_at = self._first_at or self._last_at
         channels = self._channels
         self.bag.write((stamp, channels[index], raw) for stamp, index, raw in entries)
-        while self._newcomers and (self._timeline.begun or everything or over):
-            self._add_newcomer(*self._newcomers.pop(0))
+        self._add_newcomers(everything or over)
         return not over
 
     def _finish(self) -> None:

@@ -275,6 +275,24 @@ def test_a_controller_that_was_stopped_stands_by_for_the_one_that_took_over(grap
     assert plant.interrupt() == first.interrupt() == 0
 
 
+def test_the_parameters_of_a_controller_that_never_answers_are_not_in_the_bag(graph, client):
+    bag = graph.folder / 'bag'
+    plant, first, second, commands = beside_a_first(graph, client)
+    assert second.interrupt() == 0
+    recorder = graph.start('recorder', '--ros-args', '-p', f'bag:={bag}')
+    recorder.says('recording into')
+    namesake = graph.start('controller', '--ros-args', '-p', 'K:=99.0')
+    namesake.says('another controller of /joint_states: standing by')
+    assert answered_once(client, commands)
+    assert answered_once(client, commands)
+    for process in (namesake, plant, first, recorder):
+        assert process.interrupt() == 0
+    run = read(bag)
+    assert not [change for change in run.changes if change.anew]
+    assert run.parameters['/controller']['K'] == 10.0
+    assert run.receipt['missing'] == '0'
+
+
 def test_of_two_that_stand_by_one_takes_over(graph, client):
     plant, first, second, commands = beside_a_first(graph, client)
     third = graph.start('controller', '--ros-args', '-r', '__node:=third', '-p',
