@@ -208,7 +208,6 @@ class Controller(ManagedNode):
     def activated(self) -> None:
         """Answer from now on, as at a start."""
         self._forget()
-        self._plant_known = self.standby.alone
 
     def _forget(self) -> None:
         """Let the next state be the first one."""
