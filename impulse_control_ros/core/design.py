@@ -176,8 +176,10 @@ def _on_guards(gains: Controller) -> Iterator[Finding]:
 
 def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
     """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
-    for of, mass in (('axis', axis.m), ('axis with its payload', axis.m + axis.payload.mass)):
-        if math.isclose(gains.m, mass, rel_tol=1e-6) or (mass == axis.m and of != 'axis'):
+    masses = {axis.m: 'axis'}
+    masses.setdefault(axis.m + axis.payload.mass, 'axis with its payload')
+    for mass, of in masses.items():
+        if math.isclose(gains.m, mass, rel_tol=1e-6):
             continue
         ratio = gains.alpha_ratio * gains.m / mass
         level, so = Level.NOTE, 'alpha stays within (19), but D is chosen for another mass'

@@ -219,6 +219,11 @@ class Controller(ManagedNode):
         if self._runs_freely and self._stamp != NEVER:
             self._command_zero()
 
+    def _give_way(self) -> None:
+        """Stand by where another controller answers."""
+        if self.standby.gives_way(self._counts['answered'] + self._sent_besides):
+            self._forget()
+
     # -- the sample -------------------------------------------------------------------------
 
     def parameters_changed(self) -> None:
@@ -246,8 +251,7 @@ class Controller(ManagedNode):
         if not self._plant_known:
             self._held = raw
             return
-        if self.standby.gives_way(self._counts['answered'] + self._sent_besides):
-            self._forget()
+        self._give_way()
         values = self._state_layout.decode(raw)
         if values is not None and math.isfinite(values[2]) and math.isfinite(values[3]):
             sec, nanosec, position, velocity, _ = values
@@ -337,12 +341,11 @@ class Controller(ManagedNode):
 
     def poll(self) -> float:
         """Meet the plant, and look whether its states stay away."""
-        self.standby.serve()
         if self._held and not self._plant_known:
+            self.standby.serve()
             self._meet_plant()
             return 0.02
-        if self.standby.gives_way(self._counts['answered'] + self._sent_besides):
-            self._forget()
+        self._give_way()
         timeout = self.parameters.state_timeout
         if not (self._runs_freely and timeout and self.active) or self.standby.stands_by:
             return IDLE

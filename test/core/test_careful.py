@@ -118,8 +118,9 @@ def test_the_dead_band_is_one_of_the_error_whatever_the_lead(lead):
         VELOCITY_ZERO)
 
 
-def fired_at(samples, gains, guard=POSITION_ZERO):
-    return list(np.flatnonzero(answers(samples, gains)['guard'] == guard))
+def fired_at(samples, gains):
+    """Return the samples at which a position zero fires."""
+    return list(np.flatnonzero(answers(samples, gains)['guard'] == POSITION_ZERO))
 
 
 def test_a_crossing_is_armed_again_by_the_error_that_the_guards_see():

@@ -237,12 +237,26 @@ def beside_a_first(graph, client, *plant_arguments):
     return plant, first, second, commands
 
 
+def stamp_of(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
 def answered_once(client, commands, count=300):
     """Wait for more commands; tell whether each of the last ones answers a state of its own."""
     enough = len(commands) + 1000 + count  # 1000 may have waited here
     client.spin_until(lambda: len(commands) > enough, 'commands')
-    stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands[-count:]]
+    stamps = [stamp_of(one) for one in commands[-count:]]
     return len(stamps) == len(set(stamps))
+
+
+def assert_replaced_while_stopped(client, first, second, commands):
+    """Stop the first controller until the second has taken over; then it stands by."""
+    first.send(signal.SIGSTOP)
+    second.says('no other controller answers: taking over')
+    assert answered_once(client, commands)
+    first.send(signal.SIGCONT)
+    first.says('/other is another controller of /joint_states: standing by')
+    assert answered_once(client, commands)
 
 
 def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(graph, client):
@@ -254,21 +268,16 @@ def test_a_second_controller_stands_by_and_takes_over_from_one_that_is_killed(gr
     first.kill()
     second.says('no other controller answers: taking over')
     assert answered_once(client, commands)
-    by_stamp = {(one.header.stamp.sec, one.header.stamp.nanosec): one for one in states}
+    by_stamp = {stamp_of(one): one for one in states}
     last = commands[-10]
-    state = by_stamp[last.header.stamp.sec, last.header.stamp.nanosec]
+    state = by_stamp[stamp_of(last)]
     assert last.effort[0] == -20.0 * state.position[0] - 0.5 * state.velocity[0]
     assert plant.interrupt() == second.interrupt() == 0
 
 
 def test_a_controller_that_was_stopped_stands_by_for_the_one_that_took_over(graph, client):
     plant, first, second, commands = beside_a_first(graph, client)
-    first.send(signal.SIGSTOP)
-    second.says('no other controller answers: taking over')
-    assert answered_once(client, commands)
-    first.send(signal.SIGCONT)
-    first.says('/other is another controller of /joint_states: standing by')
-    assert answered_once(client, commands)
+    assert_replaced_while_stopped(client, first, second, commands)
     assert second.interrupt() == 0
     first.says('no other controller answers: taking over')
     assert answered_once(client, commands)
@@ -318,12 +327,7 @@ def test_beside_a_free_plant_a_second_controller_stands_by_and_sends_nothing(gra
         client.spin_until(lambda until=until: time.monotonic() > until, 'more than SILENCE')
     assert 'taking over' not in second.output
     commands.clear()
-    first.send(signal.SIGSTOP)
-    second.says('no other controller answers: taking over')
-    assert answered_once(client, commands)
-    first.send(signal.SIGCONT)
-    first.says('/other is another controller of /joint_states: standing by')
-    assert answered_once(client, commands)
+    assert_replaced_while_stopped(client, first, second, commands)
     assert first.interrupt() == 0
     assert not [one for one in commands if one.header.stamp.sec == 0]  # no zero in between
     assert second.interrupt() == plant.interrupt() == 0
@@ -344,7 +348,7 @@ def test_of_two_controllers_that_start_beside_a_free_plant_one_answers(graph, cl
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(
             next(states) * 1_000_000, 10**9)
         publisher.publish(message)
-        stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in commands[-300:]]
+        stamps = [stamp_of(one) for one in commands[-300:]]
         return len(set(stamps)) == 300
     client.spin_until(feed, 'one answer to each state')
     stands_by = 'is another controller of /joint_states: standing by'

@@ -47,6 +47,14 @@ def mute_plant(client):
     node.destroy_node()
 
 
+def show_a_state(client, mute_plant):
+    """Publish a state once there is a controller."""
+    client.spin_until(mute_plant.get_subscription_count, 'a controller')
+    state = JointState(name=['axis'], position=[0.5], velocity=[0.0])
+    state.header.stamp.sec = 1
+    mute_plant.publish(state)
+
+
 STANDING_BY = ('subscribe', '/joint_commands')
 
 
@@ -83,10 +91,7 @@ def test_controller_and_recorder_take_the_access_that_they_are_granted(
         client.node.create_publisher(Float64, topic, 10)
     for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
         client.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
-    client.spin_until(mute_plant.get_subscription_count, 'a controller')
-    state = JointState(name=['axis'], position=[0.5], velocity=[0.0])
-    state.header.stamp.sec = 1
-    mute_plant.publish(state)
+    show_a_state(client, mute_plant)
     assert_takes_what_is_granted(client, ['controller', 'recorder'])
     for process in processes:
         assert process.interrupt() == 0
@@ -96,10 +101,7 @@ def test_a_controller_that_stands_by_takes_the_commands_that_it_is_granted(
         graph, client, mute_plant):
     client.node.create_publisher(JointState, '/joint_commands', 10)
     process = graph.start('controller')
-    client.spin_until(mute_plant.get_subscription_count, 'a controller')
-    state = JointState(name=['axis'], position=[0.5], velocity=[0.0])
-    state.header.stamp.sec = 1
-    mute_plant.publish(state)
+    show_a_state(client, mute_plant)
     client.spin_until(lambda: STANDING_BY in taken(client.node, 'controller'), 'who stands by')
     assert STANDING_BY in granted('controller')
     process.says('/test_client is another controller of /joint_states: standing by')
