@@ -161,7 +161,11 @@ def command(stamp, effort, name='axis'):
 
 
 class Faults:
-    """What is done to a composed run from outside; each is called with the run's process."""
+    """
+    What is done to a composed run from outside; each is called with the run's process.
+
+    What acts at a later sample returns its time.
+    """
 
     def __init__(self, graph, client, rng):
         self._graph, self._client, self._rng = graph, client, rng
@@ -212,7 +216,9 @@ class Faults:
         other.kill()
 
     def reset(self, _):
-        assert self._client.call('/plant_simulator/reset', Trigger, once=True).success
+        response = self._client.call('/plant_simulator/reset', Trigger, once=True)
+        assert response.success, response.message
+        return float(re.search(r'at (\S+) s', response.message).group(1))
 
 
 def long_run(graph, client, minutes, rng, seconds=60.0):
@@ -242,7 +248,7 @@ def long_run(graph, client, minutes, rng, seconds=60.0):
     for minute in range(minutes):
         reach(1.0 + seconds * (minute + rng.uniform(0.0, 0.8)))
         fault = faults.kinds[minute % len(faults.kinds)]
-        fault(process)
+        reach(fault(process) or 0.0)
         done[fault.__name__] += 1
     reach(1.0 + seconds * minutes)
     assert process.interrupt() == 0, process.output
