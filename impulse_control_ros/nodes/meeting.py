@@ -62,8 +62,12 @@ class Meeting:
     def _another_plant(self, now: float) -> bool:
         others = plants(self._node) - self._own
         first = now > self._quiet_since + LEASE and min(self._own) < min(others, default=b'')
-        return now < self._quiet_since + SETTLE or (bool(others) and not first)
+        return self.overhears(now) or (bool(others) and not first)
+
+    def overhears(self, now: float) -> bool:
+        """Tell whether a controller has just commanded another plant."""
+        return now < self._quiet_since + SETTLE
 
     def hear(self) -> None:
-        """Take note of a command before there is a state of ours: it is for another plant."""
+        """Take note of a command that answers no state of ours: it is for another plant."""
         self._quiet_since = monotonic()

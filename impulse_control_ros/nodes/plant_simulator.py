@@ -172,7 +172,7 @@ class PlantSimulator(ParameterNode):
             except UnreadableError as error:
                 self._reject(f'a command {error}')
                 return
-        if self.tick < 0 and (sec, nanosec) != (0, 0):
+        if self.tick <= 0 and (sec, nanosec) not in ((0, 0), self._stamp):
             self._meeting.hear()
         if not math.isfinite(effort):
             self._reject(f'a command with effort {effort}')
@@ -261,7 +261,9 @@ class PlantSimulator(ParameterNode):
     def _ask_again(self, now: float) -> None:
         """Publish the state once more: its command is late, or an endpoint may be new."""
         self._asked_at = now
-        if self._awaiting:
+        if self._awaiting and self.tick == 0 and self._meeting.overhears(now):
+            self._wait_for_another()
+        elif self._awaiting:
             self._counts['late'] += 1
             self.get_logger().warning(
                 f'no command for the state at {self.seconds()} s: published again',
@@ -271,6 +273,12 @@ class PlantSimulator(ParameterNode):
             self._recorders.forget_lost()
         if self._awaiting or self._recorders.handshaking:
             self._publish_state()
+
+    def _wait_for_another(self) -> None:
+        """Go back before the first state: it was made before another plant was discovered."""
+        self.tick, self._stamp, self._awaiting = -1, (-1, 0), False
+        self.get_logger().warning(
+            f'{self.commands.topic_name} answers another plant: waiting for it to leave')
 
     def _end(self) -> None:
         self.finished = True

@@ -402,6 +402,28 @@ def test_a_second_plant_waits_until_the_first_has_left(graph, client):
     assert controller.interrupt() == 0
 
 
+def test_a_plant_that_began_before_it_discovered_another_one_waits_again(graph, client):
+    states = client.listen('/joint_states', JointState)
+    commands = client.node.create_publisher(JointState, '/joint_commands', 10)
+    plant = graph.start('plant_simulator', '--ros-args', '-p', 'duration:=0.001')
+    client.spin_until(lambda: states, 'the first state')
+
+    def answer_another():
+        message = JointState(name=['axis'], effort=[0.0])
+        message.header.stamp.sec = 5
+        commands.publish(message)
+        return 'answers another plant: waiting for it to leave' in plant.output
+    client.spin_until(answer_another, 'another plant')
+    while plant.running:
+        client.spin_until(lambda: states or not plant.running, 'a state')
+        for state in states:
+            commands.publish(JointState(header=state.header, name=['axis'], effort=[0.0]))
+        states.clear()
+    assert plant.wait() == 0, plant.output
+    assert plant.output.count('running from 1.000000000 s') == 2
+    assert '10 steps, 11 accepted' in plant.output
+
+
 def test_a_free_plant_starts_anew_beside_a_controller_that_has_no_states(graph):
     free = ('--ros-args', '-p', 'lockstep:=false', '-p', 'real_time_factor:=0.1', '-p',
             'time_step:=0.001')
