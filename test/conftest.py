@@ -198,12 +198,15 @@ class Client:
         """
         Call a service and return its response.
 
-        A response is lost when the server has not yet matched this client's reader, so unless
-        ``once``, the call is made again after a while.
+        A response is lost when the server has not yet matched this client's reader, so the call
+        is made again after a while; one that is to be made ``once`` waits until the server has
+        answered a client of ours that it discovered later.
         """
         client = self.node.create_client(kind, service)
         try:
             self.spin_until(client.service_is_ready, f'service {service}')
+            if once:
+                self.call(f'{service.rpartition("/")[0]}/get_parameters', GetParameters)
             calls, asked = [], 0.0
 
             def answered() -> list[object]:

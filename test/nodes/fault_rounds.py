@@ -171,6 +171,9 @@ class Faults:
         self._graph, self._client, self._rng = graph, client, rng
         self._commands = client.node.create_publisher(JointState, '/joint_commands', 1000)
         self._strays = client.node.create_publisher(JointState, '/joint_states', 1000)
+        for publisher in (self._commands, self._strays):
+            client.spin_until(lambda heard=publisher: heard.get_subscription_count() >= 2,
+                              'who hears us')
         self.kinds = [self.stopped, self.stale_commands, self.broken_commands, self.noise,
                       self.broken_states, self.second_controller, self.second_plant,
                       self.killed_recorder, self.reset]
