@@ -263,7 +263,8 @@ class PlantSimulator(ParameterNode):
         self._asked_at = now
         if self._awaiting and self.tick == 0 and self._meeting.overhears(now):
             self._wait_for_another()
-        elif self._awaiting:
+            return
+        if self._awaiting:
             self._counts['late'] += 1
             self.get_logger().warning(
                 f'no command for the state at {self.seconds()} s: published again',

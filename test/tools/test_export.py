@@ -52,10 +52,9 @@ def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
     frame = pd.read_parquet(tmp_path / 'run.parquet')
     assert 5_000 < len(frame) < 20_000
     assert frame.attrs['unread'] > 0
+    first, same = (one.head(len(frame) - 1) for one in (frame, to_pandas(recorded / 'left')))
     # damping is not of the series: what DDS delivers late stands later in the file
-    first, same = (one.drop(columns='damping').head(len(frame) - 1)
-                   for one in (frame, to_pandas(recorded / 'left')))
-    assert first.equals(same)
+    assert first.equals(same.assign(damping=same['damping'].where(first['damping'].notna())))
 
 
 @pytest.mark.parametrize(('bag', 'file', 'said'), [
