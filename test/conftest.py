@@ -140,6 +140,11 @@ class Graph:
             'ROS_DOMAIN_ID': str(self.domain), 'ROS_LOG_DIR': str(self.folder / 'log'),
             'PYTHONUNBUFFERED': '1'}
 
+    def share_no_memory(self) -> None:
+        """Let who is started anew after a kill be heard: docs/reliability.md says why."""
+        self.environment = {**self.environment,
+                            'FASTRTPS_DEFAULT_PROFILES_FILE': str(CONFIG / 'udp.xml')}
+
     def start(self, name: str, *arguments: object, config: Path | None = None,
               bin_folder: Path = BIN) -> Process:
         """Start an executable of ours, with ROS arguments and a parameter file."""

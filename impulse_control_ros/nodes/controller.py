@@ -169,7 +169,7 @@ class Controller(ManagedNode):
             if (mark or (sec, nanosec) < passed) and raw != self._met and not self.standby.alone:
                 self._plant_known = False  # it may be another one than that we stood by for
                 return False
-            if self.standby.passes((sec, nanosec), self._runs_freely):
+            if self.standby.passes((sec, nanosec), self._runs_freely, mark):
                 return False
         self._memory, self._watch = fresh_memory(), fresh_watch()
         if self._stamp == NEVER:

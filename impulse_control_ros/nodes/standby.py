@@ -2,9 +2,10 @@
 Whether a controller answers its plant, or stands by because another one does.
 
 Who stands by listens to the commands of the others. A plant in lockstep publishes a state again
-that nobody has answered: who stands by takes over when it comes again and no command is heard. One
-that runs freely does not ask: there it is silence over some states. Where several stand by, the
-one of the lowest id is the first, the next one waits once more.
+that nobody has answered: who stands by takes over when it comes again and no command is heard. So
+does who comes into a run, for the one that answers may not be discovered yet. A plant that
+runs freely does not ask: there it is silence over some states. Where several stand by, the one
+of the lowest id is the first, the next one waits once more.
 
 Two that answer at a time are told apart by who came later: a process that was stopped for a while
 stands by where there is another one, and one that has just begun to answer listens, for the other
@@ -46,8 +47,12 @@ class Standby:
         self._settled_at = 0.0
         self._doubtful = self._said = False
 
-    def passes(self, stamp: tuple[int, int], freely: bool) -> bool:
-        """Tell whether to pass by a state of a plant that may run ``freely``."""
+    def passes(self, stamp: tuple[int, int], freely: bool, begins: bool) -> bool:
+        """
+        Tell whether to pass by a state of a plant that may run ``freely``.
+
+        In lockstep a run ``begins`` with one controller only.
+        """
         if self.alone:
             return False
         now = monotonic()
@@ -59,20 +64,20 @@ class Standby:
         elif now > self._asked_at + 0.5 * self.patience:  # nor is it one that waited here
             self._asked_at = now
             self._again += 1
-        if now >= self._look_at or self._again:
+        if now >= self._look_at or self._again or not self.stands_by:
             self._look_at = now + LOOK_PERIOD
-            self._look(now, freely)
+            self._look(now, freely, freely or begins)
         return self.stands_by
 
-    def _look(self, now: float, freely: bool) -> None:
+    def _look(self, now: float, freely: bool, at_once: bool) -> None:
         others, stood_by = self._others(), self.stands_by
         turn = self._turn(others)
-        if others:
+        if others or not at_once:
             ear = self._listen(now, 0)
             if now < self._listens_since + SETTLE and (
                     ear.get_publisher_count() < len(others) + len(self._own)):
                 self._silence = 0.0  # it may not be heard yet
-        self.stands_by = bool(others) and (
+        self.stands_by = (bool(others) or not at_once) and (
             self._silence < (1 + turn) * SILENCE if freely else self._again <= turn)
         if self.stands_by:
             self._say(others)
@@ -87,7 +92,7 @@ class Standby:
         return sum(number < min(self._own, default=b'') for number in others)
 
     def _say(self, others: dict[bytes, str]) -> None:
-        if not self._said and all(others.values()):  # else discovery is yet to tell a name
+        if not self._said and others and all(others.values()):  # a name is discovered later
             self._said = True
             self._node.get_logger().warning(
                 f'{" and ".join(others.values())} is another controller of '

@@ -40,6 +40,7 @@ class Run:
 
     def __init__(self, graph, client, duration):
         self.graph, self.client, self.duration = graph, client, duration
+        graph.share_no_memory()
         self.states = client.listen('/joint_states', JointState)
         self.bags, self.processes = [], {}
         for name in ('plant_simulator', 'controller'):
@@ -230,6 +231,7 @@ def long_run(graph, client, minutes, rng, seconds=60.0):
 
     Returns the bag and how often each fault was.
     """
+    graph.share_no_memory()
     bag = graph.folder / 'long'
     clock = client.listen('/clock', Clock)
     process = graph.start(

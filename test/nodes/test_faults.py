@@ -27,6 +27,7 @@ class Running:
 
     def __init__(self, graph, client):
         self.graph, self.client = graph, client
+        graph.share_no_memory()
         self.bag = graph.folder / 'bag'
         self.states = client.listen('/joint_states', JointState)
         self.plant = self.start('plant_simulator')
@@ -97,6 +98,7 @@ def test_a_killed_and_restarted_controller_costs_no_step(running):
 
 
 def test_a_free_running_plant_holds_the_effort_of_a_killed_controller_and_says_so(graph, client):
+    graph.share_no_memory()
     coarse = ('--ros-args', '-p', 'time_step:=0.001')
     plant = graph.start('plant_simulator', *coarse, '-p', 'lockstep:=false', '-p',
                         'real_time_factor:=0.1')
@@ -231,6 +233,17 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(r
     with Reader(running.bag) as reader:
         assert reader.message_count == int(run.receipt['messages'])
         assert reader.message_count == sum(1 for _ in reader.messages())
+
+
+def test_with_udp_xml_a_node_does_not_receive_by_shared_memory(graph):
+    shared = []
+    for _ in range(2):
+        plant = graph.start('plant_simulator')
+        plant.says('waiting for a controller')
+        shared.append('/dev/shm/fastrtps_port' in plant.memory_map)
+        assert plant.interrupt() == 0
+        graph.share_no_memory()
+    assert shared == [True, False]
 
 
 @pytest.mark.parametrize(('arguments', 'published', 'subscribed'), [

@@ -82,6 +82,7 @@ def test_a_file_of_parameters_serves_as_well(record, replay):
 
 
 def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph, client, replay):
+    graph.share_no_memory()
     bag, config = graph.folder / 'bag', CONFIG / 'time_varying.yaml'
     commands = client.listen('/joint_commands', JointState)
     plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
