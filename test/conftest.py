@@ -13,6 +13,8 @@ import subprocess
 import sys
 import time
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -235,6 +237,11 @@ class Client:
         """Return parameters of a node."""
         response = self.call(f'/{target}/get_parameters', GetParameters, names=list(names))
         return [parameter_value_to_python(value) for value in response.values]
+
+    def change_state(self, transition: int) -> str:
+        """Ask the managed controller for a transition; returns the state that it is in then."""
+        self.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
+        return self.call('/controller/get_state', GetState).current_state.label
 
     def listen(self, topic: str, kind: type) -> list[object]:
         """Return a list that grows with the messages of a topic while this node is served."""

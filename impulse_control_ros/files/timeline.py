@@ -85,17 +85,17 @@ class Timeline:
     ``missing`` counts samples without their state, states without their command behind the first
     answered one, and commands without the event that they tell of; ``repeated`` the dropped
     messages; ``foreign`` the states that are not of the series; ``taken`` the states that have
-    been taken. ``newest`` is the stamp [ns] of the newest state, ``reached`` of the last one
-    whose command is there too, 0 before, ``awaited`` of the first command that waits for its
-    event, 0 for none. ``begun`` has the stamp of the first command of each controller that came
-    in mid-run, where the middleware numbers the messages of a writer (``numbered``). ``over``
-    tells that the next state is the first of another run.
+    been taken. ``newest`` is the stamp [ns] of the newest state, ``commanded`` that of the last
+    command, ``reached`` of the last state whose command is there too, 0 before, ``awaited`` of
+    the first command that waits for its event, 0 for none. ``begun`` has the stamp of the first
+    command of each controller that came in mid-run, where the middleware numbers the messages of
+    a writer (``numbered``). ``over`` tells that the next state is the first of another run.
     """
 
     def __init__(self, step_ns: int, joint: str = '', alone: Callable[[], bool] = lambda: True,
                  controller: str = '') -> None:
         self.missing = self.repeated = self.foreign = self.taken = 0
-        self.newest = self.reached = self.awaited = 0
+        self.newest = self.commanded = self.reached = self.awaited = 0
         self.begun: list[int] = []
         self.over = self.numbered = False
         self.step_ns = step_ns
@@ -106,7 +106,7 @@ class Timeline:
         self._unstamped: list[tuple[int, int, bytes]] = []
         self._published = {STATES: Published(), COMMANDS: Published()}
         self._before = dict.fromkeys((STATES, EVENTS, COMMANDS), b'')
-        self._last_state = self._commanded = self._last_event = 0
+        self._last_state = self._last_event = 0
         self._told = 0
         self._numbers: list[int] = []
         self._answered = self._met = False
@@ -126,7 +126,7 @@ class Timeline:
         latest = self.newest + SECOND if self.newest else 2**63
         for raw, info in messages:
             told = stamp_of(raw)
-            stamp = min(told or self._commanded or self.newest, latest)
+            stamp = min(told or self.commanded or self.newest, latest)
             # the first command of a newcomer may be the last one of its predecessor again
             if index == COMMANDS and self._is_first(info['publication_sequence_number']):
                 self.begun.append(stamp)
@@ -134,7 +134,7 @@ class Timeline:
                 self.repeated += 1
                 continue
             if index == COMMANDS and told:
-                self._commanded = stamp
+                self.commanded = stamp
                 self._published[COMMANDS].add(info['source_timestamp'], stamp)
             if index == EVENTS:
                 self._told = max(self._told, stamp)
@@ -160,7 +160,7 @@ class Timeline:
 
     def give_up(self) -> None:
         """Await no event of the commands that are there."""
-        self._told = max(self._told, self._commanded)
+        self._told = max(self._told, self.commanded)
 
     def _add_states(self, messages: Sequence[Taken], everything: bool) -> int:
         for number, (raw, info) in enumerate(messages):

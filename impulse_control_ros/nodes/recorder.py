@@ -276,7 +276,8 @@ class Recorder(ParameterNode):
     def _in_flight(self) -> bool:
         """Tell whether something is on its way: one state at most is yet to be answered."""
         timeline = self._timeline
-        return bool(timeline.awaited) or timeline.newest > timeline.reached + timeline.step_ns
+        return (bool(timeline.awaited) or timeline.newest > timeline.reached + timeline.step_ns
+                or timeline.commanded > timeline.newest)  # whose state may be sent again
 
     # -- by the wall clock ------------------------------------------------------------------
 

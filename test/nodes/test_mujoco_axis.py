@@ -4,6 +4,7 @@ from pathlib import Path
 import signal
 import time
 
+from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -11,6 +12,7 @@ import yaml
 
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.nodes.standby import SETTLE
 from impulse_control_ros.nodes.topics import SERIES_QOS, WINDOW
 from impulse_control_ros.tools.analyze.run import Run
 from test.conftest import ROOT, wait_for
@@ -20,16 +22,26 @@ GIVEN = yaml.safe_load((EXAMPLE / 'axis.yaml').read_text())['/**/controller']['r
 LIMIT, DEADBAND = GIVEN['effort_limit'], GIVEN['position_deadband']
 
 
+def started(graph, client, *more):
+    """Return the bag, recorder, controller and axis of the example, recorded from its start."""
+    bag = graph.folder / 'bag'
+    options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
+    recorder = graph.start('recorder', *options, f'bag:={bag}')
+    controller = graph.start('controller', *options, 'managed:=true', *more)
+    axis = graph.start('python', EXAMPLE / 'axis.py')
+    recorder.says('recording into')
+    until = time.monotonic() + SETTLE  # the axis waits for no one: let all discover each other
+    client.spin_until(lambda: time.monotonic() > until, 'SETTLE')
+    assert client.change_state(Transition.TRANSITION_CONFIGURE) == 'inactive'
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
+    return bag, recorder, controller, axis
+
+
 @pytest.fixture
-def run(graph):
+def run(graph, client):
     """Return a function that runs the example until it rests where it is ``settled``."""
     def made(settled, *more):
-        bag = graph.folder / 'bag'
-        options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
-        recorder = graph.start('recorder', *options, f'bag:={bag}')
-        controller = graph.start('controller', *options[:-1], *more)
-        axis = graph.start('python', EXAMPLE / 'axis.py')
-        recorder.says('recording into')
+        bag, recorder, controller, axis = started(graph, client, *more)
 
         def at_rest():
             # of the bag as far as it is written: one more subscriber is a load
@@ -81,15 +93,9 @@ def test_without_impulses_it_sticks_where_the_spring_is_weaker_than_the_friction
     assert shown.output.splitlines()[3].split()[-1] == 'never'
 
 
-def test_a_run_whose_states_stayed_away_for_a_while_replays_to_the_bit(graph):
-    bag = graph.folder / 'bag'
-    options = ('--ros-args', '--params-file', EXAMPLE / 'axis.yaml', '-p')
-    recorder = graph.start('recorder', *options, f'bag:={bag}')
+def test_a_run_whose_states_stayed_away_for_a_while_replays_to_the_bit(graph, client):
     # without a dead band there are impulses to the end, whose pauses the memory counts
-    controller = graph.start('controller', *options, 'position_deadband:=0.0')
-    axis = graph.start('python', EXAMPLE / 'axis.py')
-    for process in (recorder, controller):
-        process.says('recording into' if process is recorder else 'answering')
+    bag, recorder, controller, axis = started(graph, client, '-p', 'position_deadband:=0.0')
     wait_for(lambda: len(read(bag).impulses), 'impulses', lambda: time.sleep(1.0))
     axis.send(signal.SIGSTOP)
     controller.says('0 N is commanded')

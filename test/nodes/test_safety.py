@@ -4,7 +4,7 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -176,12 +176,6 @@ def test_a_plant_in_lockstep_that_is_paused_gets_no_zero_command(graph, client):
     assert 'no state for' not in controller.output
 
 
-def changed(client, transition):
-    """Ask the controller to change its state; returns the state it is in then."""
-    client.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
-    return client.call('/controller/get_state', GetState).current_state.label
-
-
 def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     bag = graph.folder / 'bag'
     plant = graph.start('plant_simulator', config=UNDERDAMPED)
@@ -192,16 +186,16 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     states = client.listen('/joint_states', JointState)
     client.spin_until(lambda: len(states) > 1, 'a state that comes again')
     assert len({stamp(one) for one in states}) == 1
-    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'unconfigured'
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'unconfigured'
     controller.says('no such change of state now')
-    assert changed(client, Transition.TRANSITION_CONFIGURE) == 'inactive'
-    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    assert client.change_state(Transition.TRANSITION_CONFIGURE) == 'inactive'
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     client.spin_until(lambda: len(states) > 100, 'states')
-    assert changed(client, Transition.TRANSITION_DEACTIVATE) == 'inactive'
+    assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
     last = client.call('/plant_simulator/pause', SetBool, data=False).message
     client.spin_until(lambda: plant.output.count('published again') > 1, 'an unanswered state')
     assert client.call('/plant_simulator/pause', SetBool, data=False).message == last
-    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     assert plant.wait() == 0, plant.output
     shut_down = client.node.create_client(ChangeState, '/controller/change_state')
     client.spin_until(shut_down.service_is_ready, 'the service')
@@ -220,13 +214,13 @@ def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
     plant = graph.start('plant_simulator', *COARSE, *FREE)
     controller = graph.start('controller', *COARSE, '-p', 'managed:=true')
     states = client.listen('/joint_states', JointState)
-    changed(client, Transition.TRANSITION_CONFIGURE)
-    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    client.change_state(Transition.TRANSITION_CONFIGURE)
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     client.spin_until(lambda: any(one.effort[0] for one in states), 'efforts')
-    assert changed(client, Transition.TRANSITION_DEACTIVATE) == 'inactive'
+    assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
     states.clear()
     client.spin_until(lambda: len(states) > 5 and states[-1].effort[0] == 0.0, 'zero efforts')
-    assert changed(client, Transition.TRANSITION_ACTIVATE) == 'active'
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     reports = client.listen('/diagnostics', DiagnosticArray)
     last = client.spin_until(lambda: [
         values for report in reports for status in report.status if status.name == '/controller'
