@@ -201,6 +201,11 @@ class Client:
         """Serve the node until ``condition`` is true; returns its value."""
         return wait_for(condition, what, lambda: self._executor.spin_once(timeout_sec=0.05))
 
+    def spin_for(self, seconds: float) -> None:
+        """Serve the node for some seconds, where there is nothing to wait for."""
+        until = time.monotonic() + seconds
+        self.spin_until(lambda: time.monotonic() > until, f'{seconds:g} s')
+
     def call(self, service: str, kind: type, once: bool = False, **request: object) -> object:
         """
         Call a service and return its response.
@@ -242,6 +247,11 @@ class Client:
         """Ask the managed controller for a transition; returns the state that it is in then."""
         self.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
         return self.call('/controller/get_state', GetState).current_state.label
+
+    def activate(self) -> None:
+        """Configure and activate the managed controller."""
+        self.change_state(Transition.TRANSITION_CONFIGURE)
+        assert self.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
 
     def listen(self, topic: str, kind: type) -> list[object]:
         """Return a list that grows with the messages of a topic while this node is served."""

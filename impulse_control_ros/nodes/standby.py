@@ -71,13 +71,13 @@ class Standby:
 
     def _look(self, now: float, freely: bool, at_once: bool) -> None:
         others, stood_by = self._others(), self.stands_by
-        turn = self._turn(others)
-        if others or not at_once:
+        turn, possible = self._turn(others), bool(others) or not at_once
+        if possible:
             ear = self._listen(now, 0)
             if now < self._listens_since + SETTLE and (
                     ear.get_publisher_count() < len(others) + len(self._own)):
                 self._silence = 0.0  # it may not be heard yet
-        self.stands_by = (bool(others) or not at_once) and (
+        self.stands_by = possible and (
             self._silence < (1 + turn) * SILENCE if freely else self._again <= turn)
         if self.stands_by:
             self._say(others)

@@ -4,7 +4,6 @@ from pathlib import Path
 import signal
 import time
 
-from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -30,10 +29,8 @@ def started(graph, client, *more):
     controller = graph.start('controller', *options, 'managed:=true', *more)
     axis = graph.start('python', EXAMPLE / 'axis.py')
     recorder.says('recording into')
-    until = time.monotonic() + SETTLE  # the axis waits for no one: let all discover each other
-    client.spin_until(lambda: time.monotonic() > until, 'SETTLE')
-    assert client.change_state(Transition.TRANSITION_CONFIGURE) == 'inactive'
-    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
+    client.spin_for(SETTLE)  # the axis waits for no one: let all discover each other
+    client.activate()
     return bag, recorder, controller, axis
 
 

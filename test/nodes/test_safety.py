@@ -214,8 +214,7 @@ def test_a_managed_controller_leaves_a_free_plant_without_effort(graph, client):
     plant = graph.start('plant_simulator', *COARSE, *FREE)
     controller = graph.start('controller', *COARSE, '-p', 'managed:=true')
     states = client.listen('/joint_states', JointState)
-    client.change_state(Transition.TRANSITION_CONFIGURE)
-    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
+    client.activate()
     client.spin_until(lambda: any(one.effort[0] for one in states), 'efforts')
     assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
     states.clear()

@@ -3,8 +3,6 @@
 from importlib.util import find_spec
 from xml.etree import ElementTree
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 import pytest
 import rclpy
 from sensor_msgs.msg import JointState
@@ -89,8 +87,7 @@ def test_controller_and_recorder_take_the_access_that_they_are_granted(
                     'topics:=[setpoint,damping,/parameter_events]')]
     for topic in ('/setpoint', '/damping'):
         client.node.create_publisher(Float64, topic, 10)
-    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-        client.call('/controller/change_state', ChangeState, transition=Transition(id=transition))
+    client.activate()
     show_a_state(client, mute_plant)
     assert_takes_what_is_granted(client, ['controller', 'recorder'])
     for process in processes:
