@@ -23,16 +23,24 @@ import time
 
 from mcap.reader import make_reader
 
+from impulse_control_ros.core.protocol import CommandHeader, NodeHeader, StateHeader
 from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.core.tick import SECOND, stamp
 from impulse_control_ros.files.bag import BagWriter, storage_path, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_event import (
+    encode_parameter_event,
+    TYPE as PARAMETER_EVENT,
+)
 from impulse_control_ros.files.recording import read
 
 CONFIG = Path(__file__).parent.parent / 'config' / 'time_varying.yaml'
 TYPE, STEP = 'sensor_msgs/msg/JointState', 100_000
-STATE, COMMAND = JointStateLayout('axis'), JointStateLayout('axis', '', ('effort',))
+RUN, CONTROLLER = '0123abcd', '/controller#4567'
+FIRST = JointStateLayout('axis', StateHeader(RUN).frame_id)
+STATE = JointStateLayout('axis', StateHeader(RUN, 0, CONTROLLER).frame_id)
+COMMAND = JointStateLayout('axis', CommandHeader(RUN, 0, CONTROLLER).frame_id, ('effort',))
 
 
 def messages(run: Run) -> Iterator[tuple[int, int, bytes]]:
@@ -40,7 +48,8 @@ def messages(run: Run) -> Iterator[tuple[int, int, bytes]]:
     for k in range(len(run.time)):
         at = stamp(k, SECOND, STEP)
         ns = SECOND + k * STEP
-        yield ns, 1, STATE.encode(*at, run.position[k], run.velocity[k], run.effort[max(k - 1, 0)])
+        yield ns, 1, (STATE if k else FIRST).encode(
+            *at, run.position[k], run.velocity[k], run.effort[max(k - 1, 0)])
         yield ns, 2, COMMAND.encode(*at, run.effort[k])
 
 
@@ -50,8 +59,11 @@ def written(folder: Path, samples: int) -> Path:
     writer = BagWriter(folder / str(samples), 'zstd')
     for name in ('/joint_states', '/joint_commands'):
         writer.add_topic(Topic(name=name, type=TYPE, qos=()))
-    writer.add_metadata('parameters:/controller', {
-        name: json.dumps(value) for name, value in experiment.controller.flat().items()})
+    writer.add_topic(Topic(name='/run_parameters', type=PARAMETER_EVENT, qos=()))
+    writer.write((SECOND, 3, encode_parameter_event(
+        *divmod(SECOND, SECOND), NodeHeader(RUN, node).frame_id, parameters.flat(), {}))
+        for node, parameters in (('/plant_simulator', experiment.plant_simulator),
+                                 (CONTROLLER, experiment.controller)))
     writer.write(messages(simulate(
         experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND)))
     writer.close()

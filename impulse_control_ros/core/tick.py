@@ -33,3 +33,38 @@ def stamp(tick: int, start_ns: int, step_ns: int) -> tuple[int, int]:
 def ticks(duration: float, time_step: float) -> int:
     """Return the number of steps in ``duration`` seconds, rounded to the nearest."""
     return round(duration / time_step)
+
+
+class SampleClock:
+    """
+    Samples ``step_ns`` apart, from ``start_ns`` on.
+
+    ``tick`` is -1 before the first, and ``stamp`` (s, ns) is then that of the first.
+    """
+
+    def __init__(self, start_ns: int, step_ns: int) -> None:
+        self.step_ns = step_ns
+        self.start_at(start_ns)
+
+    def start_at(self, start_ns: int) -> None:
+        """Let the first sample, which is yet to come, have the stamp ``start_ns``."""
+        self.start_ns = start_ns
+        self.tick, self.stamp = -1, stamp(0, start_ns, self.step_ns)
+
+    def go_to(self, tick: int) -> None:
+        """Make ``tick`` the present one."""
+        self.tick, self.stamp = tick, divmod(self.start_ns + tick * self.step_ns, SECOND)
+
+    def seconds(self, ahead: int = 0) -> str:
+        """Return the stamp of the sample ``ahead`` of the present one, in seconds."""
+        sec, nanosec = stamp(max(0, self.tick + ahead), self.start_ns, self.step_ns)
+        return f'{sec}.{nanosec:09d}'
+
+    def tick_at(self, stamp_ns: int) -> int:
+        """Return the tick of a stamp [ns]."""
+        return (stamp_ns - self.start_ns) // self.step_ns
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds since the first sample."""
+        return max(0, self.tick) * self.step_ns / SECOND

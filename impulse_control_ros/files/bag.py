@@ -7,7 +7,7 @@ soon as it is full, so a recorder that is killed loses no more than its last chu
 is full, chunks are given up, the last first, until what is left can be finished.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -18,15 +18,14 @@ import yaml
 from impulse_control_ros import __version__
 from impulse_control_ros.files.columns import BagError, naming
 from impulse_control_ros.files.definition import message_definition, type_hash
+from impulse_control_ros.files.mcap_chunk import Block
 from impulse_control_ros.files.mcap_file import McapFile
+from impulse_control_ros.files.topics import SERIES
 
 ROS_DISTRO = 'jazzy'
-# name of the metadata record of a node's parameters, before the node's; ':STAMP' follows where
-# the node came anew in mid-run
-PARAMETERS = 'parameters:'
-# name of the metadata record with our version, and with the topic of each role
+# name of the metadata record with our version, the id of the run, and the topic of each role
 PACKAGE = 'impulse_control_ros'
-ROLES = ('joint_states', 'impulse_events', 'joint_commands')
+ROLES = tuple(SERIES)
 
 
 class _PlainDumper(yaml.SafeDumper):
@@ -100,6 +99,10 @@ class BagWriter:
         """Append messages, see `McapFile.write`."""
         self._if_it_fits(lambda: self._file.write(messages))
 
+    def write_block(self, block: Block) -> None:
+        """Append messages, see `McapFile.write_block`."""
+        self._if_it_fits(lambda: self._file.write_block(block))
+
     def _if_it_fits(self, write: Callable[[], None]) -> None:
         if self.full:
             return
@@ -112,7 +115,7 @@ class BagWriter:
     @property
     def count(self) -> int:
         """Messages written so far."""
-        return sum(self._file.counts.values())
+        return self._file.count
 
     def close(self, receipt: Mapping[str, str] | None = None) -> None:
         """Finish the file, with a ``receipt`` of the recording, and write metadata.yaml."""
@@ -162,6 +165,12 @@ class BagWriter:
             'files': [{'path': self._path.name, 'starting_time': start, 'duration': length,
                        'message_count': self.count}],
             'custom_data': {'impulse_control_ros': __version__}, 'ros_distro': ROS_DISTRO}
+
+
+def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:
+    """Say in a bag which run it is of, and which of its ``topics`` has which role."""
+    bag.add_metadata(PACKAGE, {'version': __version__, 'run': run} | {
+        role: topic.name for role, topic in zip(ROLES, topics, strict=False)})
 
 
 def require_writable(folder: Path) -> None:

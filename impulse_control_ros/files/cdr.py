@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from impulse_control_ros.core.tick import SECOND
+
 FIELDS = ('position', 'velocity', 'effort')
 COMMANDED = ('effort',)
 WITHOUT_VELOCITY = ('position', 'effort')  # of a sensor that measures positions only
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
 _FRAME_ID_AT = 12  # behind the stamp
-# frame_id of the first state of a run, and of the first after a reset
-RESET_MARK = 'reset'
+_HEADER = struct.Struct('<4sIII')  # stamp, and the length of the string behind it
 
 
 class JointStateLayout:
@@ -170,6 +171,23 @@ def string(text: str) -> bytes:
     """Return a string as it stands in CDR: its length, its bytes, a zero."""
     data = text.encode() + b'\x00'
     return struct.pack('<I', len(data)) + data
+
+
+def read_header(raw: bytes) -> tuple[int, bytes]:
+    """
+    Return the stamp [ns] and the string behind it, which many messages begin with.
+
+    For a message with a header that string is the frame_id. A stamp of 0 is none.
+    """
+    if len(raw) < _HEADER.size or raw[:4] != LITTLE_ENDIAN_CDR:
+        return 0, b''
+    _, sec, nanosec, size = _HEADER.unpack_from(raw)
+    return sec * SECOND + nanosec, raw[_HEADER.size:_HEADER.size + size - 1]
+
+
+def encode_header(sec: int, nanosec: int, frame_id: str) -> bytes:
+    """Return a std_msgs/Header."""
+    return LITTLE_ENDIAN_CDR + struct.pack('<II', sec, nanosec) + string(frame_id)
 
 
 def encode_time(sec: int, nanosec: int) -> bytes:

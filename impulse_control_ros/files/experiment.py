@@ -4,8 +4,9 @@ An experiment: the parameters of the three nodes, and the plain ROS parameter fi
 The classes below are the one source of the nodes' parameters; the nodes declare them from here.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 import re
 from typing import Any
@@ -22,12 +23,18 @@ from impulse_control_ros.core.parameter import (
     Parameters,
     refusal,
 )
-from impulse_control_ros.core.tick import nanoseconds
+from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
 SLOWEST = 1e-3  # Hz
+
+
+def cpu_core_parameter() -> Any:
+    """Make the field that places a node's process."""
+    return parameter(-1, '', 'core that the process runs on; -1 for any', lower=-1, upper=4095,
+                     read_only=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,16 +45,19 @@ class PlantParameters(Axis):
     duration: float = parameter(
         0.0, 's', 'simulated time after which the run ends; 0 for no end', lower=0.0)
     start_time: float = parameter(
-        1.0, 's', 'stamp of the first state; ROS reads 0 as no time', lower=1e-9,
-        upper=LAST_SECOND, read_only=True)
+        0.0, 's', 'stamp of the first state; 0 for 1 s in lockstep, and for the wall clock without',
+        lower=0.0, upper=LAST_SECOND, read_only=True)
     lockstep: bool = parameter(
         True, '', 'wait for the command of each state; false runs freely on the wall clock',
         read_only=True)
     real_time_factor: float = parameter(
         0.0, '', 'simulated seconds per wall second; 0 for as fast as possible', lower=0.0)
     command_timeout: float = parameter(
-        1.0, 's', 'wall time without a command after which the state is published again',
+        1.0, 's', 'wall time without a command after which another controller may take over',
         lower=0.01, upper=3600.0)
+    recorder_timeout: float = parameter(
+        10.0, 's', 'wall time without a word of a recorder after which it is not waited for',
+        lower=0.1, upper=3600.0)
     clock_rate: float = parameter(
         100.0, 'Hz', 'messages on /clock per simulated second, one a sample at most; 0 for none',
         lower=0.0)
@@ -58,6 +68,7 @@ class PlantParameters(Axis):
         1, 'samples', 'samples that one call of ~/step makes', lower=1)
     wait_for_recorder: bool = parameter(
         False, '', 'whether the first state waits for a recorder', read_only=True)
+    cpu_core: int = cpu_core_parameter()
 
     def check(self) -> None:
         """Stamps are whole nanoseconds within ROS' range; free running needs a pace."""
@@ -76,6 +87,13 @@ class PlantParameters(Axis):
                           '> 0 when lockstep is false')
 
 
+    def start_ns(self, wall_ns: int) -> int:
+        """Return the stamp [ns] of the first state; ``wall_ns`` is the wall clock."""
+        if self.start_time:
+            return nanoseconds(self.start_time, 'start_time')
+        return SECOND if self.lockstep else wall_ns
+
+
 @dataclass(frozen=True, kw_only=True)
 class ControllerParameters(Controller):
     """Parameters of the node ``controller``."""
@@ -87,6 +105,7 @@ class ControllerParameters(Controller):
     managed: bool = parameter(
         False, '', 'whether it is a lifecycle node, which commands nothing until it is activated',
         read_only=True)
+    cpu_core: int = cpu_core_parameter()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +115,11 @@ class RecorderParameters(Parameters):
     bag: str = parameter(
         '', '', 'folder to create; empty for impulse_<date and time>', read_only=True)
     topics: tuple[str, ...] = parameter(
-        ('setpoint', 'damping', '/parameter_events'), '',
-        'topics to record beside joint_states, joint_commands and impulse_events',
-        read_only=True)
+        ('setpoint', 'damping'), '', 'topics to record beside joint_states, joint_commands, '
+        'impulse_events and run_parameters', read_only=True)
     compression: str = parameter(
         'zstd', '', 'compression of the chunks', choices=tuple(COMPRESSIONS), read_only=True)
+    cpu_core: int = cpu_core_parameter()
 
 
 # rclpy's own parameters, which any node has
@@ -161,6 +180,11 @@ _Loader.add_implicit_resolver(
     list('-+0123456789'))
 
 
+def parsed(text: str) -> Any:
+    """Return the value of a YAML text; raises `YAMLError`."""
+    return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
+
+
 def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     """Return nested mappings as one with dotted names."""
     flat: dict[str, Any] = {}
@@ -184,7 +208,7 @@ def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     Raises `ParameterError` when the file cannot be read or is no mapping.
     """
     try:
-        content = yaml.load(Path(path).read_text(), _Loader)  # noqa: S506 (a safe loader)
+        content = parsed(Path(path).read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
     if not isinstance(content, Mapping):
@@ -208,13 +232,12 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
             yield name, section
 
 
-def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
-    """
-    Return what a ROS parameter file names, by the default name of the node and the parameter.
+# the key of a node, one of the nodes that it is for, and its parameters
+Given = tuple[str, str, dict[str, Any]]
 
-    Raises `ParameterError` when the file cannot be read or names an unknown node.
-    """
-    values: dict[str, dict[str, Any]] = {node: {} for node in NODES}
+
+def _given_in(path: str | Path) -> Iterator[Given]:
+    """Yield (key, node, parameters) of a ROS parameter file."""
     for name, section in sections(path).items():
         last = name.rsplit('/', 1)[-1]
         meant = list(NODES) if last in ('*', '**') else [last]
@@ -225,29 +248,57 @@ def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
         except (KeyError, TypeError, AttributeError):
             raise ParameterError(f'{path}: {name} has no ros__parameters') from None
         for node in meant:
-            values[node] |= {key: value for key, value in given.items() if not is_foreign(key)}
+            yield '/' + name.lstrip('/'), node, {
+                key: value for key, value in given.items() if not is_foreign(key)}
+
+
+def _merged(given: Iterable[Given]) -> dict[str, dict[str, Any]]:
+    """
+    Return the parameters of each node.
+
+    As in ROS the last value for a key counts, and of several keys for a node the one that came
+    last: a value for ``/**/controller`` does not replace an earlier one for ``controller``.
+    """
+    keys: dict[str, dict[str, dict[str, Any]]] = {}
+    for key, node, parameters in given:
+        keys.setdefault(key, {}).setdefault(node, {}).update(parameters)
+    values: dict[str, dict[str, Any]] = {node: {} for node in NODES}
+    for nodes in keys.values():
+        for node, parameters in nodes.items():
+            values[node] |= parameters
     return values
 
 
-def read_experiment(path: str | Path) -> Experiment:
+def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
     """
-    Read a ROS parameter file for the three nodes by their default names, in any namespace.
+    Return what a ROS parameter file names, by the default name of the node and the parameter.
 
-    Raises `ParameterError` when the file cannot be read, names an unknown node or parameter, or
-    holds a wrong value; the message names the file, the node, the parameter and its value.
+    Raises `ParameterError` when the file cannot be read or names an unknown node.
     """
-    values = read_values(path)
-    experiment = Experiment(**{node: _built(path, node, values[node]) for node in NODES})
+    return _merged(_given_in(path))
+
+
+def read_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experiment:
+    """
+    Read ROS parameter files for the three nodes by their default names, in any namespace.
+
+    Later files count, and after them what is given ``besides``, by ``-p``. Raises
+    `ParameterError` when a file cannot be read, names an unknown node or parameter, or holds a
+    wrong value; the message names the files, the node, the parameter and its value.
+    """
+    values = _merged(chain(*map(_given_in, paths), besides))
+    source = ', '.join([*map(str, paths), *['-p'] * bool(besides)])
+    experiment = Experiment(**{node: _built(source, node, values[node]) for node in NODES})
     try:
         require_agreement('plant_simulator', experiment.plant_simulator.flat(),
                           experiment.controller.flat())
     except ParameterError as error:
-        raise ParameterError(f'{path}: controller: {error}') from None
+        raise ParameterError(f'{source}: controller: {error}') from None
     return experiment
 
 
-def _built(path: str | Path, node: str, values: Mapping[str, Any]) -> Any:
+def _built(source: str, node: str, values: Mapping[str, Any]) -> Any:
     try:
         return build(NODES[node], values)
     except ParameterError as error:
-        raise ParameterError(f'{path}: {node}: {error}') from None
+        raise ParameterError(f'{source}: {node}: {error}') from None

@@ -11,11 +11,11 @@ A bag as one tidy table: a row for each sample, in the order of time.
     impulse_area  N s    of the impulse that this state caused, 0 where none
     guard                that fired, '' where none
     damping       N s/m  where it was published at this sample
-    marked               whether a run starts here, or is reset
+    is_reset             whether a run starts here, or is reset
 
 Numbers have the bits of the messages. What is not recorded at a sample is NaN, and empty in a
-file. Parameters, their changes, units and the recorder's receipt are in ``DataFrame.attrs`` and in
-the metadata of a Parquet file; a CSV file has no room for them.
+file. Parameters, their changes, units, the recorder's receipt and what the bag lacks are in
+``DataFrame.attrs`` and in the metadata of a Parquet file; a CSV file has no room for them.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,8 @@ from impulse_control_ros.files.recording import read, Recording
 from impulse_control_ros.files.replaced import replaced
 
 UNITS = {'time': 's', 'stamp_ns': 'ns', 'position': 'm', 'velocity': 'm/s', 'effort': 'N',
-         'command': 'N', 'impulse_area': 'N s', 'guard': '', 'damping': 'N s/m', 'marked': ''}
+         'command': 'N', 'impulse_area': 'N s', 'guard': '', 'damping': 'N s/m',
+         'is_reset': ''}
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
 Bag = str | Path | Recording  # a folder or file, or what `read` has returned
@@ -118,11 +119,12 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
         'effort': column(run.states, 'effort'), 'command': column(run.commands, 'effort'),
         'impulse_area': column(run.impulses, 'area', 0.0),
         'guard': column(run.impulses, 'guard', np.int8(0)),
-        'damping': column(run.damping, 'damping'), 'marked': column(run.states, 'marked', False)}
+        'damping': column(run.damping, 'damping'),
+        'is_reset': column(run.states, 'is_reset', False)}
 
 
 def provenance(run: Recording) -> Mapping[str, Any]:
     """Return what a bag says about its run."""
-    return {'units': UNITS, 'parameters': run.parameters,
+    return {'units': UNITS, 'run': run.run, 'parameters': run.parameters,
             'changes': [change._asdict() for change in run.changes], 'version': run.version,
-            'receipt': run.receipt, 'unread': run.unread}
+            'receipt': run.receipt, 'unread': run.unread, 'lacks': run.lacks}

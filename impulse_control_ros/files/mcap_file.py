@@ -1,12 +1,12 @@
 """
-An MCAP file, written in batches of messages.
+An MCAP file, written in blocks of messages.
 
 The records are those of the mcap library; what is ours is the way messages get into chunks. Its
 `Writer` makes an object and a dozen calls for each message, which is half the cost of a recorded
-10 kHz step; here a message is one struct.pack, and an index one per chunk and channel. Schemas
-and channels stand before the chunks, so each chunk is whole by itself; a chunk goes to the
-operating system once it is full and time goes on, so that no two overlap in time. What does not
-fit on the disk can be cut off again, so that there is room to finish the file.
+10 kHz step; here the headers and the indexes of a whole block are made as arrays. Schemas and
+channels stand before the chunks, so each chunk is whole by itself; a chunk goes to the operating
+system once it is full and time goes on, so that no two overlap in time. What does not fit on the
+disk can be cut off again, so that there is room to finish the file.
 """
 
 from collections.abc import Callable, Iterable
@@ -33,15 +33,14 @@ from mcap.records import (
 )
 import zstandard
 
+from impulse_control_ros.files.mcap_chunk import Block, OpenChunk
+
 MAGIC = b'\x89MCAP0\r\n'
-CHUNK_SIZE = 512 * 1024
-LARGEST_CHUNK = 1024 * 1024  # where time stands still
 COMPRESSIONS: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     'none': ('', bytes), 'lz4': ('lz4', lz4.frame.compress),
-    'zstd': ('zstd', zstandard.ZstdCompressor().compress)}
-_MESSAGE = struct.Struct('<BQHIQQ')
+    # level 3, the default, takes half as long again for 1 % less
+    'zstd': ('zstd', zstandard.ZstdCompressor(level=1).compress)}
 _INDEX = struct.Struct('<BQHI')
-_AFTER_LENGTH = _MESSAGE.size - 9
 
 
 def encoded(records: Iterable[McapRecord]) -> bytes:
@@ -56,23 +55,21 @@ class McapFile:
     """
     A new file at ``path``; raises `FileExistsError` when there is one.
 
-    ``counts`` has the number of messages by channel, ``first`` and ``last`` the log times [ns].
-    All raise `OSError` for what cannot be written; then `cut_back`.
+    ``first`` and ``last`` are log times [ns]. All raise `OSError` for what cannot be written;
+    then `cut_back`.
     """
 
     def __init__(self, path: Path, library: str, compression: str) -> None:
-        self.counts: dict[int, int] = {}
-        self.first = self.last = 0
+        self.first = 0
         self._compression, self._compress = COMPRESSIONS[compression]
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._parts: list[bytes] = []
-        self._indices: dict[int, list[int]] = {}
-        self._size = self._checksum = 0
-        self._in_chunks: list[dict[int, int]] = []
+        self._open = OpenChunk()
+        self._in_chunks: list[dict[int, int]] = []  # messages by channel
         self._checksums: list[int] = []  # of what stands before each chunk
+        self._checksum = 0
         self._end = 0  # of what is in the file for good
         self._file = path.open('xb', buffering=0)
         try:
@@ -80,6 +77,21 @@ class McapFile:
         except OSError:
             self._file.close()
             raise
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """The number of messages by channel, but for those that `write` still keeps."""
+        return self._open.counts
+
+    @property
+    def count(self) -> int:
+        """The number of messages."""
+        return self._open.count
+
+    @property
+    def last(self) -> int:
+        """The log time of the last message [ns]."""
+        return self._open.last
 
     def _put(self, data: bytes) -> None:
         """Write a part of the data section, whose checksum stands at its end."""
@@ -104,7 +116,7 @@ class McapFile:
             metadata=metadata)
         self._put(encoded([channel]))
         self._channels.append(channel)
-        self.counts[channel.id] = 0
+        self._open.counts[channel.id] = 0
         return channel.id
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
@@ -116,59 +128,50 @@ class McapFile:
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
         """Append (publish time [ns], channel, data); the log time is that, but never goes back."""
-        last, at, counts = self.last, self._size, self.counts
-        append, pack = self._parts.append, _MESSAGE.pack
-        for stamp, channel, data in messages:
-            size = _MESSAGE.size + len(data)
-            if at > CHUNK_SIZE and (stamp > last or at + size > LARGEST_CHUNK):
-                self.last = last
-                self.end_chunk()
-                at, append = 0, self._parts.append
-            if stamp > last:
-                last = stamp
-            counts[channel] = sequence = counts[channel] + 1
-            append(pack(Opcode.MESSAGE, _AFTER_LENGTH + len(data), channel, sequence, last, stamp))
-            append(data)
-            index = self._indices.get(channel)
-            if index is None:
-                index = self._indices[channel] = []
-            index.append(last)
-            index.append(at)
-            at += size
-        self.last, self._size = last, at
+        if self._open.keep(messages):
+            self._fill(self._open.add_kept())
+
+    def write_block(self, block: Block) -> None:
+        """Do `write` for a block of messages, whose headers are filled in place."""
+        self._fill(self._open.add_kept())
+        self._fill(self._open.add(block))
 
     def end_chunk(self) -> None:
-        """Hand the chunk and its message indices to the operating system."""
-        if not self._parts:
-            return
-        data = b''.join(self._parts)
-        start = min(index[0] for index in self._indices.values())
+        """Hand what was written to the operating system."""
+        self._fill(self._open.add_kept())
+        if self._open.parts:
+            self._put_chunk()
+
+    def _fill(self, chunks: Iterable[None]) -> None:
+        for _ in chunks:
+            self._put_chunk()
+
+    def _put_chunk(self) -> None:
+        """Write the open chunk and its message indexes, and begin another one."""
+        done = self._open
+        data = b''.join(done.parts)
         chunk = Chunk(compression=self._compression, data=self._compress(data),
-                      message_start_time=start, message_end_time=self.last,
+                      message_start_time=done.begins, message_end_time=done.last,
                       uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data))
         at, written = self._end, encoded([chunk])
         offsets, behind = {}, []
         index_at = end = at + len(written)
-        for channel, index in self._indices.items():
+        for channel, index in done.indices.items():
+            size = sum(map(len, index))
             offsets[channel] = end
-            behind += [_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel,
-                                   8 * len(index)), struct.pack(f'<{len(index)}Q', *index)]
-            end += _INDEX.size + 8 * len(index)
+            behind += [_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size), *index]
+            end += _INDEX.size + size
         before = self._checksum
         self._put(b''.join((written, *behind)))
-        self.first = self.first or start
+        self.first = self.first or done.begins
         self._chunks.append(ChunkIndex(
-            message_start_time=start, message_end_time=self.last, chunk_start_offset=at,
+            message_start_time=done.begins, message_end_time=done.last, chunk_start_offset=at,
             chunk_length=len(written), message_index_offsets=offsets,
             message_index_length=end - index_at, compression=self._compression,
             compressed_size=len(chunk.data), uncompressed_size=len(data)))
-        self._in_chunks.append(self._waiting())
+        self._in_chunks.append(done.held)
         self._checksums.append(before)
-        self._parts, self._indices, self._size = [], {}, 0
-
-    def _waiting(self) -> dict[int, int]:
-        """Return the number of messages by channel that are in no chunk yet."""
-        return {channel: len(index) // 2 for channel, index in self._indices.items()}
+        done.clear()
 
     def cut_back(self) -> bool:
         """
@@ -176,19 +179,18 @@ class McapFile:
 
         What stands behind in the file goes too. Returns False when there was neither.
         """
-        forgotten = self._waiting()
-        self._parts, self._indices, self._size = [], {}, 0
+        forgotten = self._open.forget()
         if not forgotten and self._chunks:
-            forgotten, self._checksum = self._in_chunks.pop(), self._checksums.pop()
+            forgotten, self._checksum = True, self._checksums.pop()
+            for channel, count in self._in_chunks.pop().items():
+                self.counts[channel] -= count
             self._end = self._chunks.pop().chunk_start_offset
             self._metadata = [index for index in self._metadata if index.offset < self._end]
-        for channel, count in forgotten.items():
-            self.counts[channel] -= count
-        self.last = self._chunks[-1].message_end_time if self._chunks else 0
+        self._open.last = self._chunks[-1].message_end_time if self._chunks else 0
         self.first = self.first if self._chunks else 0
         self._file.truncate(self._end)
         self._file.seek(self._end)
-        return bool(forgotten)
+        return forgotten
 
     def finish(self) -> None:
         """Write the last chunk and the summary."""

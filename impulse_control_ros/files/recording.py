@@ -1,84 +1,110 @@
 """Bags as arrays: what a run was."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-import json
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from mcap.records import Channel, Metadata, Schema
-from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 
-from impulse_control_ros.files.bag import PACKAGE, PARAMETERS, ROLES
+from impulse_control_ros.core.protocol import StateHeader
+from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
+from impulse_control_ros.files.completeness import lacking
+from impulse_control_ros.files.damping_series import DampingSeries
+from impulse_control_ros.files.run_choice import (
+    choose,
+    NO_SOURCE,
+    one_run,
+    OneRun,
+    placed,
+    Series as AllSeries,
+)
+from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
 from impulse_control_ros.files.series import (
     COMMAND,
-    DAMPING,
-    damping_of,
     IMPULSE,
+    Messages,
     SAMPLE,
     Series,
 )
+from impulse_control_ros.files.topics import (
+    DAMPING,
+    FLOAT64,
+    IMPULSE_EVENTS,
+    JOINT_COMMANDS,
+    JOINT_STATE,
+    JOINT_STATES,
+    RUN_PARAMETERS,
+    SERIES,
+)
 
-JOINT_STATE, FLOAT64 = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64'
-PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
-# fields of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
-VALUES = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-          9: 'string_array_value'}
-
-
-class Change(NamedTuple):
-    """
-    Parameters of ``node`` that act from the state of ``stamp`` [ns] on.
-
-    The controller answers this state with them, and the plant steps on from it. ``anew`` tells
-    that the node itself was started anew; then they are all, and its memory is empty.
-    """
-
-    stamp: int
-    node: str
-    values: Mapping[str, Any]
-    anew: bool
+KINDS = {JOINT_STATES: SAMPLE, JOINT_COMMANDS: COMMAND, IMPULSE_EVENTS: IMPULSE}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """
-    What a bag holds of one joint.
+    What a bag holds of one run of one joint.
 
-    ``states`` (n,) of dtype SAMPLE, ``commands`` (n,) of COMMAND, ``impulses`` (k,) of IMPULSE,
-    ``damping`` (j,) of DAMPING, stamps in ns, the rest in SI units, nan for a velocity or
-    effort that was not measured; a state is ``marked`` where a run starts or is reset. Behind the
-    state of each stamp in ``withdrawn`` [ns] the controller took its effort away, as for want of
-    states, and began afresh.
-    ``parameters`` at the start by node name and parameter name, and the ``changes`` to them in
-    the order of time; ``version`` is that of the package that recorded them; ``receipt`` is what
-    the recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty for a
-    bag that was cut off, of which ``unread`` bytes at the end are no whole record; None for a
-    finished one. States of other joints, or out of their time, are left out.
+    ``run`` is its id, '' of a foreign plant. ``states`` (n,) of dtype SAMPLE, ``commands`` (n,)
+    of COMMAND, ``impulses`` (k,) of IMPULSE, ``damping`` (j,) of DAMPING, stamps in ns, the rest
+    in SI units, nan for a velocity or effort that was not measured; a state ``is_reset`` where
+    one of our plants starts or is reset. Behind the state of each stamp in ``withdrawn`` [ns] the
+    controller took its effort away, as for want of states, and began afresh. ``history`` are the
+    parameters of plants and controllers and their changes, by their stamps.
+    ``version`` is that of the package that recorded them; ``receipt`` is what the recorder says
+    at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut
+    off, of which ``unread`` bytes at the end are no whole record; None for a finished one.
+    ``lacks`` says in plain sentences what there should be besides. States of other joints, or
+    out of their time, are left out.
     """
 
+    run: str
     states: np.ndarray
     commands: np.ndarray
     withdrawn: np.ndarray
     impulses: np.ndarray
     damping: np.ndarray
-    parameters: Mapping[str, Mapping[str, Any]]
-    changes: list[Change]
+    history: list[Change]
     version: str
     receipt: Mapping[str, str]
     unread: int | None
+    lacks: list[str]
 
-    def history(self, node: str) -> Iterator[Change]:
-        """Yield all parameters of ``node`` from the start on, stamp 0, and after each change."""
-        before = Change(0, node, self.parameters[node], anew=True)
-        yield before
-        for change in self.changes:
-            if change.node == node:
-                values = change.values if change.anew else {**before.values, **change.values}
-                before = change._replace(values=values)
-                yield before
+    @cached_property
+    def _first(self) -> dict[str, Change]:
+        """The change of each node that it starts with: the last one before the first state."""
+        start = self.states['stamp'][0] if len(self.states) else 0
+        first: dict[str, Change] = {}
+        for change in self.history:
+            if change.node not in first or change.stamp < start:
+                first[change.node] = change
+        return first
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """The parameters that each node, by its full name, has first."""
+        return {node: change.values for node, change in self._first.items()}
+
+    @property
+    def changes(self) -> list[Change]:
+        """The changes on the way, by their stamps; also by nodes that begin to act."""
+        start = self.states['stamp'][0] if len(self.states) else 0
+        return [change for change in self.history if change.stamp > start or (
+            change.stamp == start and change is not self._first[change.node])]
+
+    @property
+    def plant(self) -> list[Change]:
+        """The parameters of the plant, if it is one of ours."""
+        return [change for change in self.history if self.run and change.is_plant]
+
+    @property
+    def controllers(self) -> list[Change]:
+        """The parameters of the controllers, each from where it begins to act."""
+        return [change for change in self.history if not change.is_plant]
 
 
 def storage_file(bag: str | Path) -> Path:
@@ -94,34 +120,43 @@ def storage_file(bag: str | Path) -> Path:
     return found[0]
 
 
-def read(bag: str | Path) -> Recording:
-    """Read a bag; raises `BagError` for what is none, or has no states."""
+def read(bag: str | Path, run: str = '') -> Recording:
+    """
+    Read a bag, of several runs the longest one, or that with the name ``run``.
+
+    The name is a run's id or, for a foreign plant, the namespace of its joint_states. Raises
+    `BagError` for what is no bag, and without states.
+    """
     path = storage_file(bag)
-    gathered = _Gathered()
     with naming(path):
+        gathered = _Gathered(DEFAULT_JOINT)
         for item in columns(path):
             gathered.add(item)
-        return gathered.recording()
+            if gathered.parameters.joint != DEFAULT_JOINT:
+                break
+        else:
+            return gathered.recording(run)
+        gathered = _Gathered(gathered.parameters.joint)
+        for item in columns(path):
+            gathered.add(item)
+        return gathered.recording(run)
 
 
 class _Gathered:
-    """What has been read of a bag so far."""
+    """What has been read of a bag so far; messages of several joints are about ``joint``."""
 
-    def __init__(self) -> None:
+    def __init__(self, joint: str) -> None:
+        self.parameters = RunParameters()
+        self._joint = joint
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[str, Channel] = {}
-        self._series = {'joint_states': Series(SAMPLE), 'joint_commands': Series(COMMAND),
-                        'impulse_events': Series(IMPULSE)}
-        self._damping = [np.zeros(0, DAMPING)]
-        self._parameters: dict[str, dict[str, Any]] = {}
-        self._changes: list[Change] = []
-        self._receipt: dict[str, str] = {}
-        self._version = ''
+        self._series = {role: Series(kind, joint) for role, kind in KINDS.items()}
+        self._damping = DampingSeries()
+        self._about: Mapping[str, str] | None = None
+        self._receipt: Mapping[str, str] = {}
         self._unread: int | None = None
         self._roles: dict[str, str] = {}
-        self._ours = False
         self._topics: set[str] = set()
-        self._decoders = DecoderFactory()
 
     def add(self, item: Item) -> None:
         """Take what a file holds."""
@@ -138,15 +173,8 @@ class _Gathered:
 
     def _add_metadata(self, item: Metadata) -> None:
         """Take a named record of strings."""
-        if item.name.startswith(PARAMETERS):
-            name, _, stamp = item.name.removeprefix(PARAMETERS).partition(':')
-            values = {key: json.loads(value) for key, value in item.metadata.items()}
-            if stamp and name in self._parameters:  # else one that told them late
-                self._changes.append(Change(int(stamp), name, values, anew=True))
-            else:
-                self._parameters[name] = values
-        elif item.name == PACKAGE:
-            self._ours, self._version = True, item.metadata.get('version', '')
+        if item.name == PACKAGE:
+            self._about = item.metadata
             self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
             self._receipt = item.metadata
@@ -154,35 +182,48 @@ class _Gathered:
     def _add_messages(self, column: Column) -> None:
         """Take the messages of a topic."""
         self._topics.add(column.topic)
-        role = self._roles.get(column.topic, column.topic.rsplit('/', 1)[-1])
+        namespace, _, name = column.topic.rpartition('/')
+        role = self._roles.get(column.topic, name)
+        # our recorder records one plant, whatever its topics are called
+        namespace = '/' if self._is_ours else namespace or '/'
         schema = self._type_of(column.topic)
         kind = schema.name if schema else ''
-        if role in self._series and kind == JOINT_STATE:
-            self._series[role].add(column, joint_of(self._parameters), self._ours)
-        elif role == 'damping' and kind == FLOAT64:
-            self._damping.append(damping_of(column))
-        elif kind == PARAMETER_EVENT:
-            decode = self._decoders.decoder_for('cdr', schema)
-            self._changes += changes_of(column, decode) if decode else ()
+        if role in KINDS and kind == JOINT_STATE:
+            self._series[role].add(column, namespace, in_place=self._is_ours)
+        elif role == DAMPING and kind == FLOAT64:
+            self._damping.add(column, namespace)
+        elif role == RUN_PARAMETERS and kind == SERIES[RUN_PARAMETERS]:
+            self.parameters.add(column, namespace, schema)
 
-    def recording(self) -> Recording:
-        """Return it as a whole."""
-        placed = self._series['joint_states'].placed
-        states, commands, impulses = (one.in_order() for one in self._series.values())
-        if self._topics and not len(states):
-            raise ValueError(f'no joint_states of joint {joint_of(self._parameters)!r} among its '
-                             f'topics {", ".join(sorted(map(self._typed, self._topics)))}')
-        withdrawn = self._series['joint_commands'].unstamped
-        damping, changes = np.concatenate(self._damping), self._changes
-        if not self._ours:
-            withdrawn, damping['stamp'] = placed(withdrawn), placed(damping['stamp'])
-            damping = np.sort(damping, order='stamp', kind='stable')
-            changes = [change._replace(stamp=int(placed(change.stamp))) for change in changes]
+    def recording(self, name: str) -> Recording:
+        """Return the run with that ``name``, '' for any, as a whole."""
+        every = AllSeries(*(self._series[role].messages() for role in KINDS))
+        every = every._replace(states=every.states.where(every.states.stamps > 0))
+        run = self._about.get('run', '') if self._about is not None else None
+        source = choose(every.states, self._joint, run, name)
+        if self._topics and not source:
+            raise ValueError(f'no joint_states of joint {self._joint!r} among its topics '
+                             f'{", ".join(sorted(map(self._typed, self._topics)))}')
+        return self._recording_of(one_run(every, source or NO_SOURCE, self._is_ours))
+
+    def _recording_of(self, found: OneRun) -> Recording:
+        run, (states, commands, impulses) = found.source.run, found.series
+        changes = self.parameters.changes(run, found.source.namespace)
+        if run:
+            changes = acting(changes, commands)
+            mark_resets(states, changes)
+        withdrawn = found.withdrawn.sent
         return Recording(
-            states=states, commands=commands, impulses=impulses, withdrawn=withdrawn,
-            damping=damping, parameters=self._parameters,
-            changes=sorted(changes, key=lambda change: (change.stamp, not change.anew)),
-            version=self._version, receipt=self._receipt, unread=self._unread)
+            run=run, states=states.rows, commands=commands.rows, impulses=impulses.rows,
+            withdrawn=withdrawn if self._is_ours else placed(states, withdrawn),
+            damping=self._damping.of(found, self._is_ours), history=changes,
+            version=(self._about or {}).get('version', ''), receipt=self._receipt,
+            unread=self._unread, lacks=lacking(found, changes))
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether our recorder has made it, or the like of it."""
+        return self._about is not None
 
     def _typed(self, topic: str) -> str:
         """Return a topic with its type, where that is known."""
@@ -194,17 +235,14 @@ class _Gathered:
         return self._schemas.get(channel.schema_id) if channel else None
 
 
-def changes_of(events: Column, decode: Callable[[bytes], Any]) -> Iterator[Change]:
-    """Yield what parameter events tell."""
-    for at, size, stamp in zip(events.start, events.size, events.stamp, strict=True):
-        event = decode(events.content[at:at + size].tobytes())
-        values = {parameter.name: getattr(parameter.value, VALUES[parameter.value.type])
-                  for parameter in (*event.new_parameters, *event.changed_parameters)
-                  if parameter.value.type in VALUES}
-        yield Change(int(stamp), event.node, values, anew=False)
+def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
+    """
+    Fill in which states of one of our plants are a start.
 
-
-def joint_of(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the joint that the nodes of a recording are for."""
-    return next((values['joint_name'] for values in parameters.values()
-                 if 'joint_name' in values), 'axis')
+    A reset is another episode. The plant tells its parameters for the state that a run begins
+    with; where the bag does not have them, it is the one that names no controller.
+    """
+    is_reset, header = states.rows['is_reset'], states.origins[states.origin[0]].header
+    is_reset[1:] = np.diff(states.told(lambda origin: origin.header.episode)) != 0
+    start = next((change.stamp for change in changes if change.is_plant and change.anew), None)
+    is_reset[0] = start == states.stamps[0] if start else header == StateHeader(header.run)

@@ -1,140 +1,213 @@
 """
 The messages of one topic of ours as rows, from the columns of a bag.
 
-In a bag of our recorder each message of a series has the publish time that its stamp says; one
-that has another is foreign, and left out. Other recorders, as ``ros2 bag record``, know only when
-a message was sent and came: there the stamps alone give the order, a message that came again is
-left out, and what has no stamp belongs to the state that was sent last before it.
+A message says by its frame_id which run, episode and author it is from (core/protocol.py). Those
+with one frame_id, joints and fields have one layout: it is found in the first of them, and reads
+them all at once. A message whose stamp is 0 has none: it answers no state.
 """
 
-from collections.abc import Iterator, Sequence
-from functools import cache
-from itertools import chain
-from typing import Any
+from collections.abc import Callable, Sequence
+import struct
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.protocol import (
+    CommandHeader,
+    parse_command,
+    parse_state,
+    StateHeader,
+)
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,
     FIELDS,
     JointStateLayout,
     layout_in,
-    RESET_MARK,
-    WITHOUT_VELOCITY,
+    read_header,
 )
 from impulse_control_ros.files.columns import Column
 
 SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
-                   ('marked', '?')])
+                   ('is_reset', '?')])
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
 IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
                     ('area', 'f8')])
 DAMPING = np.dtype([('stamp', 'i8'), ('damping', 'f8')])
-FLOAT64_SIZE = 12
+NEEDED: dict[np.dtype[Any], Sequence[str]] = {
+    SAMPLE: ('position',), COMMAND: COMMANDED, IMPULSE: FIELDS}
+NOT_OURS = -1
+KEPT = 8  # layouts by the size of a message
+# messages to look at for one to be read at once: looking one by one costs that much more
+WORTH = 256
+Known = tuple[JointStateLayout | None, int]  # with the number of its origin, or NOT_OURS
+
+
+class Origin(NamedTuple):
+    """Where messages come from: the namespace of their topic, their joint, and their header."""
+
+    namespace: str
+    joint: str
+    header: StateHeader | CommandHeader
+
+    @property
+    def guard(self) -> str:
+        """The guard that a command or an event names; '' for none."""
+        return self.header.guard if isinstance(self.header, CommandHeader) else ''
+
+    @property
+    def node_id(self) -> str:
+        """The author of a command or an event, or the controller that a state names."""
+        header = self.header
+        return header.author if isinstance(header, CommandHeader) else header.controller
+
+
+class Messages(NamedTuple):
+    """
+    Messages of a series, shape (n,).
+
+    ``sent`` is when each was published [ns], ``origin`` the number of its origin in ``origins``.
+    """
+
+    rows: np.ndarray
+    sent: np.ndarray
+    origin: np.ndarray
+    origins: Sequence[Origin]
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """The stamps [ns]."""
+        return self.rows['stamp']
+
+    def where(self, keep: np.ndarray) -> 'Messages':
+        """Return those that are to ``keep``, by a mask or in an order."""
+        if keep.dtype == bool and keep.all():
+            return self
+        return Messages(self.rows[keep], self.sent[keep], self.origin[keep], self.origins)
+
+    def told(self, of: Callable[[Origin], int]) -> np.ndarray:
+        """Return what each origin tells."""
+        return np.array([*map(of, self.origins), 0], np.int32)[self.origin]
+
+    def of(self, test: Callable[[Origin], bool]) -> 'Messages':
+        """Return those whose origin passes a ``test``."""
+        return self.where(self.told(test).astype(bool))
+
+    def in_order(self, preferred: np.ndarray | None = None) -> 'Messages':
+        """Return one of each stamp, by their stamps: the first one sent, or one ``preferred``."""
+        if (np.diff(self.stamps) > 0).all():
+            return self
+        last = np.zeros(len(self.rows), bool) if preferred is None else ~preferred
+        ordered = self.where(np.lexsort((self.sent, last, self.stamps)))
+        return ordered.where(np.append(True, np.diff(ordered.stamps) > 0))
 
 
 class Series:
-    """The messages of one topic of ours, collected as rows of ``kind``."""
+    """The messages of one topic of ours, as rows of ``kind``; of several joints ``joint``."""
 
-    def __init__(self, kind: np.dtype[Any]) -> None:
-        self._kind = kind
+    def __init__(self, kind: np.dtype[Any], joint: str) -> None:
+        self._kind, self._joint = kind, joint
         self._rows = [np.zeros(0, kind)]
-        self._times = [np.zeros(0, np.int64)]
         self._sent = [np.zeros(0, np.int64)]
-        self._unstamped = [np.zeros(0, np.int64)]
+        self._origin = [np.zeros(0, np.int32)]
+        self._origins: list[Origin] = []
+        self._numbers: dict[Origin, int] = {}
+        self._layouts: dict[tuple[str, int], list[Known]] = {}
 
-    def add(self, column: Column, joint: str, ours: bool) -> None:
-        """Take the messages of ``joint``: in a bag of ours those at the place of their stamp."""
-        rows, known = np.zeros(len(column.time), self._kind), np.zeros(len(column.time), bool)
-        layouts = layouts_of(self._kind, joint)
+    def add(self, column: Column, namespace: str, in_place: bool) -> None:
+        """Take messages; where they are ``in_place``, those whose publish time is their stamp."""
+        count = len(column.time)
+        rows, origin = np.zeros(count, self._kind), np.full(count, NOT_OURS, np.int32)
         for which, content in column.same_size():
-            others = others_in(content, joint, known, which) if self._kind is SAMPLE else ()
-            for number, layout in enumerate(chain(layouts, others)):
-                if known[which].all():
-                    break
-                good, sec, nanosec, *values = layout.decode_rows(content)
-                at = which[good]
-                known[at] = True
-                rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
-                if self._kind is IMPULSE:
-                    rows['guard'][at] = number
-                elif self._kind is SAMPLE:
-                    rows['marked'][at] = layout.frame_id == RESET_MARK
-                    rows['velocity'][at] = rows['effort'][at] = np.nan
-                for name, value in zip(self._names(layout), values, strict=True):
-                    rows[name][at] = value[good]
-        self._unstamped.append(column.stamp[known & (rows['stamp'] == 0)])
-        if ours:
-            known &= rows['stamp'] == column.stamp
-            self._times.append(column.time[known])
-        else:
-            known &= rows['stamp'] > 0
-            self._times.append(rows['stamp'][known])
-            self._sent.append(column.stamp[known])
+            self._read(namespace, which, content, rows, origin)
+        known = origin != NOT_OURS
+        if in_place:
+            known &= (rows['stamp'] == column.stamp) | (rows['stamp'] == 0)
         self._rows.append(rows[known])
+        self._sent.append(column.stamp[known])
+        self._origin.append(origin[known])
 
-    @property
-    def _measured(self) -> list[str]:
-        return [name for name in self._kind.names or () if self._kind[name].kind == 'f']
+    def _read(self, namespace: str, which: np.ndarray, content: np.ndarray, rows: np.ndarray,
+              origin: np.ndarray) -> None:
+        """Fill in the ``rows`` and their ``origin`` from messages of one size."""
+        layouts = self._layouts.setdefault((namespace, content.shape[1]), [])
+        left, found = np.arange(len(which)), []
+        for known in layouts:
+            if not len(left):
+                break
+            good = self._fill(known, which, content, left, rows, origin)
+            if good.any():
+                found.append(known)
+            left = left[~good]
+        looked_at = 0
+        while len(left):
+            known = self._known(content[left[0]].tobytes(), namespace)
+            is_worth_it = looked_at <= WORTH * (len(which) - len(left))
+            span = left if is_worth_it else left[:1]
+            looked_at += len(span)
+            good = np.zeros(len(left), bool)
+            good[:len(span)] = self._fill(known, which, content, span, rows, origin)
+            good[0] = True  # what is no message is not looked at again
+            if len(found) < KEPT:
+                found.append(known)
+            left = left[~good]
+        layouts[:] = [*found, *(known for known in layouts if known not in found)][:KEPT]
 
-    def _names(self, layout: JointStateLayout) -> Sequence[str]:
-        """Return our names of the fields of a layout."""
-        return self._measured if self._kind is IMPULSE else layout.fields
+    def _known(self, raw: bytes, namespace: str) -> Known:
+        """Return the layout of a message, None for no message, and the number of its origin."""
+        layout, is_ours = layout_in(raw, self._joint), True
+        if layout is None:
+            count, name = first_joint(raw)
+            layout, is_ours = layout_in(raw, name), count == 1
+        if not (layout and is_ours and set(NEEDED[self._kind]) <= set(layout.fields)):
+            return layout, NOT_OURS
+        parse = parse_state if self._kind is SAMPLE else parse_command
+        origin = Origin(namespace, layout.joint, parse(layout.frame_id))
+        if self._kind is IMPULSE and origin.guard not in GUARDS:
+            return layout, NOT_OURS
+        if origin not in self._numbers:
+            self._numbers[origin] = len(self._origins)
+            self._origins.append(origin)
+        return layout, self._numbers[origin]
 
-    @property
-    def unstamped(self) -> np.ndarray:
-        """Return the places [ns] of the messages that tell no stamp of their own."""
-        return np.concatenate(self._unstamped)
+    def _fill(self, known: Known, which: np.ndarray, content: np.ndarray, left: np.ndarray,
+              rows: np.ndarray, origin: np.ndarray) -> np.ndarray:
+        """Return which of those ``left`` have a layout, shape (n,); fills in what they hold."""
+        layout, number = known
+        if layout is None:
+            return np.zeros(len(left), bool)
+        good, sec, nanosec, *values = layout.decode_rows(
+            content if len(left) == len(content) else content[left])
+        if number == NOT_OURS or not good.any():
+            return good
+        at = which[left[good]]
+        origin[at] = number
+        rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
+        if self._kind is SAMPLE:
+            rows['velocity'][at] = rows['effort'][at] = np.nan
+        elif self._kind is IMPULSE:
+            rows['guard'][at] = GUARDS.index(self._origins[number].guard)
+        for field, value in zip(layout.fields, values, strict=True):
+            name = 'area' if self._kind is IMPULSE and field == 'effort' else field
+            if name in (self._kind.names or ()):
+                rows[name][at] = value[good]
+        return good
 
-    def in_order(self) -> np.ndarray:
-        """Return the rows in the order of their log time, or of their stamp without repeats."""
-        rows, times = np.concatenate(self._rows), np.concatenate(self._times)
-        self._rows, self._times = [rows], [times]  # the parts are not held twice
-        if not (times[1:] >= times[:-1]).all():
-            rows = rows[np.argsort(times, kind='stable')]
-        if len(self._sent) > 1:
-            rows = rows[np.append(True, rows['stamp'][1:] > rows['stamp'][:-1])[:len(rows)]]
-        return rows
-
-    def placed(self, sent: Any) -> Any:
-        """Return the stamp of the message that was sent last before each time ``sent`` [ns]."""
-        times = np.concatenate(self._sent)
-        order = np.argsort(times, kind='stable')
-        stamps = np.insert(np.concatenate(self._rows)['stamp'][order], 0, 0)
-        return stamps[np.searchsorted(times[order], sent, 'right')]
-
-
-def others_in(content: np.ndarray, joint: str, known: np.ndarray, which: np.ndarray
-              ) -> Iterator[JointStateLayout]:
-    """
-    Yield the layout of each state of ``joint`` that is not yet ``known`` when it is asked for.
-
-    ``content`` of shape (k, size) are the bytes of the messages ``which`` of those ``known``.
-    """
-    for message, place in zip(content, which, strict=True):
-        layout = None if known[place] else layout_in(message.tobytes(), joint)
-        if layout and 'position' in layout.fields:
-            yield layout
-
-
-@cache
-def layouts_of(kind: np.dtype[Any], joint: str) -> list[JointStateLayout]:
-    """Return the layouts of the messages that rows of ``kind`` are made of."""
-    if kind is IMPULSE:
-        return [JointStateLayout(joint, guard) for guard in GUARDS]
-    if kind is COMMAND:
-        return [JointStateLayout(joint, guard, COMMANDED) for guard in GUARDS]
-    return [JointStateLayout(joint, mark, fields) for fields in (FIELDS, WITHOUT_VELOCITY)
-            for mark in ('', RESET_MARK)]
+    def messages(self) -> Messages:
+        """Return what was read, once."""
+        parts: tuple[list[np.ndarray], ...] = self._rows, self._sent, self._origin
+        rows, sent, origin = (np.concatenate(part) for part in parts)
+        for part in parts:  # nothing is held twice
+            part.clear()
+        return Messages(rows, sent, origin, self._origins)
 
 
-def damping_of(column: Column) -> np.ndarray:
-    """Return the messages of std_msgs/Float64 of a chunk: shape (n,), dtype DAMPING."""
-    rows = np.zeros(len(column.stamp), DAMPING)
-    rows['stamp'], rows['damping'] = column.stamp, np.nan
-    for which, content in column.same_size():
-        if content.shape[1] >= FLOAT64_SIZE:
-            rows['damping'][which] = content[:, 4:FLOAT64_SIZE].copy().view('<f8')[:, 0]
-    return rows
+def first_joint(raw: bytes) -> tuple[int, str]:
+    """Return the number of joints of a JointState, and the name of the first."""
+    at = 17 + len(read_header(raw)[1])
+    at += -at % 4
+    if len(raw) < at + 8:
+        return 0, ''
+    count, size = struct.unpack_from('<II', raw, at)
+    return count, raw[at + 8:at + 7 + size].decode(errors='replace')

@@ -7,7 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from impulse_control_ros.nodes.topics import DIAGNOSTICS, SLOW_QOS
+from impulse_control_ros.files.topics import DIAGNOSTICS
+from impulse_control_ros.nodes.topics import SLOW_QOS
 
 
 class Diagnostics:

@@ -6,12 +6,8 @@ checked here first, as a whole, and rclpy's own path is taken only by a set that
 has been set is applied in the post-set callback, as one new immutable value.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import partial
-from itertools import chain
-import re
+from collections.abc import Iterable
 import sys
-from time import monotonic
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -20,12 +16,8 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.subscription import Subscription
-from rclpy.task import Future
+from rclpy.parameter import Parameter
 
 from impulse_control_ros.core.parameter import (
     build,
@@ -35,41 +27,10 @@ from impulse_control_ros.core.parameter import (
     refusal,
     Spec,
 )
-from impulse_control_ros.files.experiment import is_foreign, sections
+from impulse_control_ros.files.experiment import is_foreign
 
 TYPES = {float: Parameter.Type.DOUBLE, int: Parameter.Type.INTEGER, bool: Parameter.Type.BOOL,
          str: Parameter.Type.STRING, tuple: Parameter.Type.STRING_ARRAY}
-PATIENCE = 5.0
-ASK_AGAIN = 1.0  # a response is lost when the server has not yet matched its client
-NODE_OF_RULE = re.compile(r'(\w+):[^:=]+:=')
-
-
-def override_keys(arguments: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
-    """Yield the sources of parameters on a command line, and the nodes that they name."""
-    for flag, value in zip(arguments, arguments[1:], strict=False):
-        if flag == '--params-file':
-            yield value, list(sections(value))
-        elif flag in ('-p', '--param') and NODE_OF_RULE.match(value):
-            yield f'{flag} {value}', [value.split(':')[0]]
-
-
-def missed_by(keys: Sequence[str], names: Sequence[str]) -> list[str]:
-    """
-    Return the nodes of full ``names`` that the node ``keys`` of a parameter file miss.
-
-    These are the ones that a key is named like but not for, or all when no key is for any.
-    """
-    reached = [name for name in names if any(is_for(key, name) for key in keys)]
-    alike = {key.rsplit('/', 1)[-1] for key in keys}
-    return [name for name in names if name not in reached
-            and (not reached or name.rsplit('/', 1)[-1] in alike)]
-
-
-def is_for(key: str, name: str) -> bool:
-    """Tell whether the node ``key`` of a parameter file is for the node of full ``name``."""
-    pattern = re.escape('/' + key.lstrip('/'))
-    pattern = pattern.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
-    return re.fullmatch(pattern, name) is not None
 
 
 def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
@@ -102,7 +63,6 @@ class ParameterNode(Node):
     failure: Exception | None = None
 
     def __init__(self, name: str, kind: type[Parameters], **options: Any) -> None:
-        self.taken_directly: Collection[Subscription] = ()
         super().__init__(name, **options)
         self._kind = kind
         try:
@@ -112,11 +72,6 @@ class ParameterNode(Node):
             raise ParameterError(f'{name}: {error}') from None
         self.add_on_set_parameters_callback(self._refuse)
         self.add_post_set_parameters_callback(self._apply)
-
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        """Yield the subscriptions that an executor serves: all but those ``taken_directly``."""
-        return (item for item in super().subscriptions if item not in self.taken_directly)
 
     def fail(self, reason: Exception) -> None:
         """End the node, and its process, for ``reason``."""
@@ -149,11 +104,14 @@ class ParameterNode(Node):
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Parameter]) -> None:
-        self.parameters = self._merged(parameters)
-        self.parameters_changed()
+        before, self.parameters = self.parameters.flat(), self._merged(parameters)
+        changed = {name: value for name, value in self.parameters.flat().items()
+                   if value != before[name]}
+        if changed:
+            self.parameters_changed(changed)
 
-    def parameters_changed(self) -> None:
-        """React to a new ``self.parameters``."""
+    def parameters_changed(self, changed: dict[str, Any]) -> None:
+        """React to a new ``self.parameters``, of which some have ``changed``."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; an integer given for a float is taken as a float."""
@@ -165,58 +123,3 @@ class ParameterNode(Node):
             item if is_foreign(item.name)
             else Parameter(item.name, TYPES[type(merged[item.name])], merged[item.name])
             for item in parameter_list])
-
-
-class PeerParameters:
-    """
-    All parameters of other nodes, read over their services without blocking.
-
-    Call `poll` until it returns True; then ``values`` holds what the nodes that answered told,
-    by full name and parameter, and ``silent`` names the others.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self.values: dict[str, dict[str, Any]] = {}
-        self.silent: list[str] = []
-        self._node, self._until, self._over = node, 0.0, False
-        self._clients: dict[str, tuple[Client, Client]] = {}
-        self._ask_at: dict[str, float] = {}
-
-    def poll(self, peers: Collection[str]) -> bool:
-        """Go on asking ``peers``, full names of nodes, '' for one that is not yet known."""
-        now = monotonic()
-        if not self._clients:
-            if not peers or '' in peers:
-                return False
-            self._until = now + PATIENCE
-            self._clients = {peer: self._client_pair(peer) for peer in peers}
-        for peer, (names, values) in self._clients.items():
-            if (peer not in self.values and now >= self._ask_at.get(peer, 0.0)
-                    and names.service_is_ready() and values.service_is_ready()):
-                self._ask_at[peer] = now + ASK_AGAIN
-                names.call_async(ListParameters.Request()).add_done_callback(
-                    partial(self._on_names, peer))
-        self.silent = [peer for peer in self._clients if peer not in self.values]
-        if self.silent and now < self._until:
-            return False
-        for client in chain.from_iterable(self._clients.values()):
-            self._node.destroy_client(client)
-        self._over = True
-        return True
-
-    def _client_pair(self, peer: str) -> tuple[Client, Client]:
-        return (self._node.create_client(ListParameters, f'{peer}/list_parameters'),
-                self._node.create_client(GetParameters, f'{peer}/get_parameters'))
-
-    def _on_names(self, peer: str, future: Future) -> None:
-        if self._over:  # the answer was on its way when the clients were destroyed
-            return
-        names = list(future.result().result.names)
-        self._clients[peer][1].call_async(GetParameters.Request(names=names)).add_done_callback(
-            partial(self._on_values, peer, names))
-
-    def _on_values(self, peer: str, names: Sequence[str], future: Future) -> None:
-        values = future.result().values
-        if len(values) == len(names):  # else one has been undeclared meanwhile
-            self.values[peer] = dict(zip(
-                names, map(parameter_value_to_python, values), strict=True))

@@ -3,370 +3,251 @@ The plant simulator node: the axis in simulated time, closed over topics.
 
 Lockstep (the default): state k is published, and sample k + 1 is made only after the command
 that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
-the next sample, in this order: the command, a pause, a recorder that is behind, and the real
-time factor. Free running: samples are made by the wall clock with the last command held; one of
-stamp 0 answers no state and acts at once.
+the next sample, in this order: the command, a recorder that is behind, a pause, and the real
+time factor. Free running: samples are made by the wall clock with the last command held. A
+state that is not followed by the next one is published again, so a lost message costs little
+and peers that join see it; core/protocol.py has the rules.
 """
 
 import math
-from time import monotonic
+from time import monotonic, time_ns
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Header
 
 from impulse_control_ros.core.axis import DIVERGED, DivergedError
-from impulse_control_ros.core.tick import nanoseconds, stamp, ticks
-from impulse_control_ros.files.cdr import (
-    COMMANDED,
-    encode_float64,
-    encode_time,
-    RESET_MARK,
-    WITHOUT_VELOCITY,
+from impulse_control_ros.core.command_arbiter import CommandArbiter
+from impulse_control_ros.core.protocol import (
+    FOREIGN,
+    name_of,
+    new_run,
+    parse_command,
+    parse_node,
+    Verdict,
 )
+from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
+from impulse_control_ros.core.simulated_axis import SimulatedAxis
+from impulse_control_ros.core.tick import nanoseconds, SampleClock, ticks
+from impulse_control_ros.core.wall_clock_pacer import WallClockPacer
+from impulse_control_ros.files.cdr import COMMANDED, read_header
 from impulse_control_ros.files.experiment import PlantParameters
-from impulse_control_ros.nodes.diagnostics import Diagnostics
-from impulse_control_ros.nodes.graph import own_publisher, publishers
-from impulse_control_ros.nodes.meeting import Meeting
-from impulse_control_ros.nodes.pace import Pace
+from impulse_control_ros.files.topics import JOINT_COMMANDS, RECORDER_PROGRESS
+from impulse_control_ros.nodes.joint_state_io import JointStateReader, UnreadableError
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.recorders import ENDLESS, Recorders
-from impulse_control_ros.nodes.simulated_axis import SimulatedAxis
+from impulse_control_ros.nodes.plant_outputs import PlantOutputs
+from impulse_control_ros.nodes.plant_report import PlantReport
 from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import (
-    CLOCK,
-    command_layouts,
-    DAMPING,
-    decode_any,
-    JOINT_COMMANDS,
-    JOINT_STATES,
-    SERIES_QOS,
-    state_layout,
-    UnreadableError,
-)
+from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
-HANDSHAKE = 0.1
+ENDLESS = 2**62
+HEARTBEAT = 0.25  # s between states that nothing but the wall clock or a pause holds
 
 
 class PlantSimulator(ParameterNode):
-    """Publishes the axis' state at every sample of simulated time."""
+    """Publishes the axis' state at every sample; a ``composed`` one takes no command from DDS."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('plant_simulator', PlantParameters, **options)
         parameters = self.parameters
-        self._step_ns = nanoseconds(parameters.time_step, 'time_step')
-        self._start_ns = nanoseconds(parameters.start_time, 'start_time')
-        joint, logger = parameters.joint_name, self.get_logger()
-        self._layouts = {mark: state_layout(joint, logger, mark) for mark in ('', RESET_MARK)}
-        self._layouts_without_velocity = {
-            mark: state_layout(joint, logger, mark, WITHOUT_VELOCITY) for mark in self._layouts}
-        self._command_layouts = command_layouts(joint, logger)
-        self._lockstep = parameters.lockstep
-        self.tick = -1
-        self._axis = SimulatedAxis(parameters)
-        self._stamp = self._answered = (-1, 0)
-        self._message = b''
-        self._awaiting = False
-        self._effort = 0.0
-        self.paused = False
-        self.quitting = False
-        self._steps_left = 0
-        self._reset_wanted = False
-        self._asked_at = monotonic()
-        self._pace = Pace()
-        self._recorders = Recorders(
-            self, lambda: self.tick, lambda stamp_ns: (stamp_ns - self._start_ns) // self._step_ns,
-            self._lockstep)
-        self._counts = {'accepted': 0, 'late': 0, 'stale': 0, 'foreign': 0, 'rejected': 0}
-        self.parameters_changed()
-        self._create_endpoints()
-
-    def _create_endpoints(self) -> None:
-        self._states, own = own_publisher(self, JointState, JOINT_STATES, SERIES_QOS)
-        # publish() without its checks: these are bytes, and the publisher lives as long as we do
-        self._publish_message = self._states.handle.publish_raw
-        self._clock_topic = self.create_publisher(Clock, CLOCK, SERIES_QOS)
-        self._damping = self.create_publisher(Float64, DAMPING, SERIES_QOS)
-        self.commands = self.create_subscription(
-            JointState, JOINT_COMMANDS, self.on_command, SERIES_QOS, raw=True)
-        self._meeting = Meeting(self, own, self._states, self.commands, self._recorders)
-        SimulationControl(self)
+        self.run = new_run()
+        self.clock = SampleClock(parameters.start_ns(time_ns()),
+                                 nanoseconds(parameters.time_step, 'time_step'))
+        self.axis = SimulatedAxis(parameters)
+        self.outputs = PlantOutputs(self, parameters.joint_name)
+        self.arbiter = CommandArbiter(self.run, parameters.lockstep, monotonic())
+        self.recorders = RecorderFlowControl(self.clock, parameters.lockstep)
+        self._read = JointStateReader(parameters.joint_name, parse_command, COMMANDED).read
+        self.pacer = WallClockPacer()
+        self.control = SimulationControl(self)
+        self._announced = False
+        self._published_at = -math.inf
+        self._last_tick = ENDLESS
+        self._report = PlantReport(self)
         SimulationInterfaces(self)
-        Diagnostics(self, self._progress, self._report)
-        self._accepted_before = 0
-        self._known_troubles: set[str] = set()
-        self._began = self._moving_since = 0.0
+        self.parameters_changed({})
+        if not composed:
+            self.create_subscription(
+                JointState, JOINT_COMMANDS, self.on_command, LOCKSTEP_QOS, raw=True)
+        self.create_subscription(
+            Header, RECORDER_PROGRESS, self.on_progress, SLOW_QOS, raw=True)
 
-    def parameters_changed(self) -> None:
-        """Let the next sample be made with the new parameters."""
+    def parameters_changed(self, changed: dict[str, Any]) -> None:
+        """Make the next sample with the new parameters, and say so first."""
         parameters = self.parameters
-        self._axis.change(parameters)
+        self.axis.change(parameters)
+        self.outputs.change(parameters)
         self._last_tick = (ticks(parameters.duration, parameters.time_step)
                            if parameters.duration else ENDLESS)
-        self._clock_every = self._every(parameters.clock_rate)
-        varying = parameters.damping.kind != 'constant'
-        self._damping_every = self._every(parameters.damping_rate) if varying else 0
-        self._pace.wall_step = (parameters.time_step / parameters.real_time_factor
+        self.pacer.wall_step = (parameters.time_step / parameters.real_time_factor
                                 if parameters.real_time_factor else 0.0)
-        self._pace.restart(self.tick)
+        self.pacer.restart(self.clock.tick, monotonic())
+        if self._announced:
+            self._tell_parameters(changed)
 
-    def _every(self, rate: float) -> int:
-        """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
-        return max(1, round(1.0 / (rate * self.parameters.time_step))) if rate else 0
+    def _tell_parameters(self, changed: dict[str, Any]) -> None:
+        self._announced = True
+        self.outputs.tell_parameters(
+            self.run, self.clock.stamp, self.parameters.flat(), changed)
 
     # -- the sample -------------------------------------------------------------------------
 
+    def _start(self, now: float) -> float:
+        """Publish the first state, once a recorder has joined where one is wanted."""
+        if not self._announced:
+            self._tell_parameters({})
+        if self.parameters.wait_for_recorder and not self.recorders:
+            self._report.waiting_for('a recorder', now)
+            return 0.02
+        start_ns = self.parameters.start_ns(time_ns())
+        if start_ns != self.clock.start_ns:
+            self.clock.start_at(start_ns)
+            self._tell_parameters({})
+        self.axis.start()
+        self.pacer.restart(0, now)
+        self._report.begin(now)
+        self._publish_sample()
+        return 0.0
+
     def _step(self) -> None:
-        self._axis.step(self._effort)
+        if self.control.reset_wanted:
+            self.control.reset_wanted = False
+            self.axis.reset()
+            self.arbiter.reset()
+        else:
+            self.axis.step(self.arbiter.effort)
         self._publish_sample()
 
-    def _reset_state(self) -> None:
-        self._reset_wanted = False
-        self._axis.reset()
-        self._effort = 0.0
-        self._publish_sample(RESET_MARK)
-
-    def _publish_sample(self, mark: str = '') -> None:
-        tick, position, velocity, effort, damping, _ = self._axis.state()
+    def _publish_sample(self) -> None:
+        tick, position, velocity, effort, damping, _ = self.axis.state()
         if not abs(position) < DIVERGED > abs(velocity):
-            self.fail(DivergedError(position, velocity, self.seconds(1)))
+            self.fail(DivergedError(position, velocity, self.clock.seconds(1)))
             return
-        self.tick = tick
-        self._stamp = sec, nanosec = stamp(tick, self._start_ns, self._step_ns)
-        self._message = self._encoded(mark, *self._axis.measured(), effort)
-        self._awaiting = self._lockstep
-        self._publish_state()
-        if self._clock_every and tick % self._clock_every == 0:
-            self._clock_topic.publish(encode_time(sec, nanosec))
-        if self._damping_every and tick % self._damping_every == 0 and tick:
-            self._damping.publish(encode_float64(damping))
+        self.clock.go_to(tick)
+        stamp, self._published_at = self.clock.stamp, monotonic()
+        self.arbiter.expect(stamp, self._published_at)
+        self.outputs.send_state(self.arbiter.header, stamp, *self.axis.measured(), effort)
+        self.outputs.send_beside(tick, stamp, damping)
 
-    def _encoded(self, mark: str, position: float, velocity: float, effort: float) -> bytes:
-        """Return the state as CDR; a velocity that is not measured is an empty field."""
-        if math.isnan(velocity):
-            return self._layouts_without_velocity[mark].encode(*self._stamp, position, effort)
-        return self._layouts[mark].encode(*self._stamp, position, velocity, effort)
-
-    def _publish_state(self) -> None:
-        self._asked_at = monotonic()
-        self._publish_message(self._message)
-
-    # -- what comes in ----------------------------------------------------------------------
+    def _publish_again(self) -> None:
+        self._published_at = monotonic()
+        _, _, _, effort, _, _ = self.axis.state()
+        self.outputs.send_state(
+            self.arbiter.header, self.clock.stamp, *self.axis.measured(), effort)
 
     def on_command(self, raw: bytes) -> None:
         """Take one joint command, given as CDR."""
-        for layout in self._command_layouts:
-            values = layout.decode(raw)
-            if values is not None:
-                sec, nanosec, effort = values
-                break
-        else:
-            try:
-                sec, nanosec, _, effort = decode_any(raw, self.parameters.joint_name, COMMANDED)
-            except UnreadableError as error:
-                self._reject(f'a command {error}')
-                return
-        if self.tick <= 0 and (sec, nanosec) not in ((0, 0), self._stamp):
-            self._meeting.hear()
-        if not math.isfinite(effort):
-            self._reject(f'a command with effort {effort}')
-        elif (sec, nanosec) == (0, 0) and self.tick >= 0 and not self._lockstep:
-            self._effort = effort
-        elif (sec, nanosec) > self._stamp:
-            self._counts['foreign'] += 1
-        elif (sec, nanosec) <= self._answered or (
-                self._lockstep and (sec, nanosec) < self._stamp):
-            self._counts['stale'] += 1
-        else:
-            self._answered = (sec, nanosec)
-            self._counts['accepted'] += 1
-            self._awaiting = False
-            self._effort = effort
-            if self._lockstep:
-                self._proceed()
-            elif (sec, nanosec) < self._stamp:
-                self._counts['late'] += 1
+        try:
+            sender, (sec, nanosec, effort) = self._read(raw)
+            if not -math.inf < effort < math.inf:
+                raise UnreadableError(f'with effort {effort}', sender.author == FOREIGN)
+        except UnreadableError as error:
+            self._report.reject(*error.args)
+            return
+        before = self.arbiter.header.controller
+        verdict = self.arbiter.take(sender, (sec, nanosec), effort, monotonic())
+        if verdict is not Verdict.ACTS:
+            return
+        if sender.author != before:
+            self.recorders.hold()
+            self.get_logger().info(f'the active controller is {name_of(sender.author)}')
+        if self.parameters.lockstep:
+            self._proceed()
 
-    def _reject(self, what: str) -> None:
-        self._counts['rejected'] += 1
-        self.get_logger().error(f'rejected {what}', throttle_duration_sec=5.0)
+    def on_progress(self, raw: bytes) -> None:
+        """Take the progress of a recorder, given as CDR."""
+        stamp_ns, frame_id = read_header(raw)
+        run, recorder = parse_node(frame_id.decode(errors='replace'))
+        news = recorder and run == self.run and self.recorders.take(
+            recorder, stamp_ns, monotonic())
+        if news:
+            self.get_logger().info(f'recorder {recorder} {news}')
 
     # -- what holds the next sample ---------------------------------------------------------
 
+    @property
+    def has_next(self) -> bool:
+        """Whether another state follows the present one."""
+        return 0 <= self.clock.tick < self._last_tick and not self.control.quitting
+
     def _proceed(self) -> None:
         """Make the next sample unless something holds it."""
-        if self._awaiting or self.finished or self.tick >= self._recorders.limit:
+        if self.arbiter.awaiting or self.finished or self.clock.tick >= self.recorders.limit:
             return
-        if self.tick >= self._last_tick or self.quitting:
-            if self._recorders.have(self.tick):
+        if not self.has_next:
+            if self.recorders.have_last:
                 self._end()
-        elif self._reset_wanted:
-            self._reset_state()
-        elif self._may_step():
+        elif self.control.reset_wanted or self._may_step():
             self._step()
 
     def _may_step(self) -> bool:
         """Ask pause and pace, and account for the step when both agree."""
-        if self.paused and not self._steps_left:
+        if not (self.pacer.wall_step or self.control.paused):
+            return True
+        if self.control.holds:
             return False
-        if self._pace.wall_step and not self._steps_left:
+        if self.pacer.wall_step and not self.control.is_stepping:
             now = monotonic()
-            if now < self._pace.due(self.tick):
+            if now < self.pacer.due(self.clock.tick):
                 return False
-            self._pace.made(self.tick, now)
-        self._steps_left = max(0, self._steps_left - 1)
+            self.pacer.made(self.clock.tick, now)
+        self.control.made_step()
         return True
 
     def poll(self) -> float:
-        """Do what is due by the wall clock: start, publish again, pace."""
-        now = monotonic()
-        if self._awaiting and now < self._asked_at + self.parameters.command_timeout:
-            return IDLE
-        if self.tick < 0:
-            return self._start_when_matched(now)
-        if self.quitting and self._awaiting:  # nobody may be there to send what is late
-            self._end()
-        tick = self.tick
-        if not self._awaiting:
-            self._proceed()
-        if self.finished or self.tick > tick:
+        """Do what is due by the wall clock: start, pace, publish again."""
+        now, tick = monotonic(), self.clock.tick
+        for recorder in self.recorders.drop_silent(now, self.parameters.recorder_timeout):
+            self.get_logger().warning(f'recorder {recorder} is silent: the run goes on without it')
+        if tick < 0:
+            self.finished = self.finished or self.control.quitting
+            return self._start(now)
+        self._proceed()
+        if self.finished or self.clock.tick > tick:
             return 0.0
-        if self._lockstep and now >= self._asked_at + self._patience():
-            self._ask_again(now)
-        if self._pace.wall_step and not (self._awaiting or self.paused):
-            return min(max(self._pace.due(self.tick) - monotonic(), 0.0), IDLE)
-        return min(self._patience(), IDLE)
+        self.arbiter.look(now)
+        held = self.arbiter.awaiting or not (
+            self.recorders.may_step and (self.has_next or self.recorders.have_last))
+        patience = self.arbiter.patience if held else HEARTBEAT
+        if self.arbiter.silent >= self.parameters.command_timeout:
+            self._nobody_answers(now)
+        if now >= self._published_at + patience:
+            self._publish_again()
+        wait = min(patience, IDLE)
+        if self.pacer.wall_step and not (held or self.control.holds):
+            wait = min(wait, max(self.pacer.due(self.clock.tick) - monotonic(), 0.0))
+        return wait
 
-    def _patience(self) -> float:
-        """Return the wall time [s] after which the state is published again."""
-        return (HANDSHAKE if self._recorders.handshaking and not self._awaiting
-                else self.parameters.command_timeout)
-
-    def _start_when_matched(self, now: float) -> float:
-        if not self._meeting.complete(now, self.parameters.wait_for_recorder):
-            return 0.02
-        self._began = self._moving_since = now
-        self._axis.start()
-        self._pace.restart(0)
-        self._publish_sample(RESET_MARK)
-        self.get_logger().info(f'running from {self.seconds()} s')
-        return 0.0
-
-    def _ask_again(self, now: float) -> None:
-        """Publish the state once more: its command is late, or an endpoint may be new."""
-        self._asked_at = now
-        if self._awaiting and self.tick == 0 and self._meeting.overhears(now):
-            self._wait_for_another()
-            return
-        if self._awaiting:
-            self._counts['late'] += 1
+    def _nobody_answers(self, now: float) -> None:
+        """Let another controller take over, and wait no longer for what cannot come."""
+        if self.arbiter.drop_silent(self.parameters.command_timeout):
             self.get_logger().warning(
-                f'no command for the state at {self.seconds()} s: published again',
-                throttle_duration_sec=5.0)
-            self._recorders.shake_hands()
-        elif self._recorders:
-            self._recorders.forget_lost()
-        if self._awaiting or self._recorders.handshaking:
-            self._publish_state()
-
-    def _wait_for_another(self) -> None:
-        """Go back before the first state: it was made before another plant was discovered."""
-        self.tick, self._stamp, self._awaiting = -1, (-1, 0), False
-        self.get_logger().warning(
-            f'{self.commands.topic_name} answers another plant: waiting for it to leave')
+                f'no command for {self.arbiter.silent:.2g} s at {self.clock.seconds()} s: any '
+                'controller may take over')
+            self._published_at = -math.inf
+        if self.arbiter.awaiting:
+            self._report.waiting_for('a controller', now)
+            if self.control.quitting:
+                self._end()
+        else:
+            self.recorders.let_go()
+            if not self.has_next:
+                self._end()
 
     def _end(self) -> None:
         self.finished = True
-        self._say_how_it_went('the run is over')
-
-    def _say_how_it_went(self, what: str) -> None:
-        wall = monotonic() - self._began
-        simulated = self.tick * self.parameters.time_step
-        counts = ', '.join(f'{value} {name}' for name, value in (
-            {'steps': self.tick} | self._counts
-            | {'lost': self._lost(), 'missed deadlines': self._pace.missed}
-        ).items())
-        self.get_logger().info(
-            f'{what} at {self.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
-            f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
-
-    # -- services and reports ---------------------------------------------------------------
-
-    def seconds(self, ahead: int = 0) -> str:
-        """Return the stamp of the state ``ahead`` samples from the present one, in seconds."""
-        sec, nanosec = stamp(max(0, self.tick + ahead), self._start_ns, self._step_ns)
-        return f'{sec}.{nanosec:09d}'
-
-    def reset(self) -> bool:
-        """Let the next state be the start; False where there is no next state."""
-        self._reset_wanted = 0 <= self.tick < self._last_tick
-        return self._reset_wanted
-
-    def pause(self, paused: bool) -> None:
-        """Hold the next sample, or go on."""
-        self.paused, self._steps_left = paused, 0
-        self._moving_since = math.inf if paused else monotonic()
-        self._pace.restart(self.tick)
-
-    def step(self, samples: int) -> bool:
-        """Make so many samples more while paused; False where it is not."""
-        if self.paused:
-            self._steps_left += samples
-        return self.paused
-
-    def quit(self) -> None:
-        """Let the run end at the present state; at once where there is none yet."""
-        self.quitting = True
-        self.finished = self.tick < 0
-
-    def _lost(self) -> int:
-        """Return the number of states, but the present one, that no command has answered."""
-        return max(0, self.tick - self._counts['accepted'])
-
-    def _progress(self) -> tuple[int, float]:
-        return self.tick, self.tick * self.parameters.time_step
-
-    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        troubles = self._troubles(rate)
-        for name in troubles.keys() - self._known_troubles:
-            self.get_logger().warning(troubles[name])
-        self._known_troubles = set(troubles)
-        held = [name for name, holds in (
-            ('a command', self._awaiting), ('resume', self.paused),
-            ('a recorder', self.tick >= self._recorders.limit)) if holds]
-        message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
-        level = DiagnosticStatus.OK if rate and not troubles else DiagnosticStatus.WARN
-        return level, '; '.join((message, *troubles.values())), {
-            'recorders': len(self._recorders), 'missed_deadlines': self._pace.missed,
-            **self._pace.report(), **self._counts, 'lost': self._lost()}
-
-    def _troubles(self, rate: float) -> dict[str, str]:
-        """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
-        controllers, factor = self.commands.get_publisher_count(), rate * self.parameters.time_step
-        names = publishers(self, JOINT_COMMANDS).values() if controllers > 1 else ()
-        accepted, self._accepted_before = self._accepted_before, self._counts['accepted']
-        wanted = self.parameters.real_time_factor
-        return {name: text for name, is_so, text in (
-            ('unheard', not self._lockstep and rate > 0 and self._accepted_before == accepted,
-             f'no command for a second at {self.seconds()} s: {self._effort:g} N is held'),
-            ('controllers', controllers > 1,
-             f'{controllers} controllers publish {self.commands.topic_name}: of the commands of '
-             f'{" and ".join(names)} for a state the first acts'),
-            ('slow', 0.0 < factor < 0.9 * wanted and monotonic() > self._moving_since + 2.0,
-             f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}
+        self._report.summarize('the run is over')
 
     def close(self) -> None:
         """Wait until what was sent has arrived."""
-        if not self.finished and self.tick >= 0:
-            self._say_how_it_went('stopped')
-        self._states.wait_for_all_acked(Duration(seconds=1))
-        self._clock_topic.wait_for_all_acked(Duration(seconds=1))
+        if not self.finished and self.clock.tick >= 0:
+            self._report.summarize('stopped')
+        for output in (self.outputs.states, self.outputs.clock):
+            output.publisher.wait_for_all_acked(Duration(seconds=1))
 
 
 def main(stop: StopRequest) -> int:

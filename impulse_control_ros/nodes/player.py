@@ -13,6 +13,7 @@ from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 from mcap.records import Channel, Schema
 from rclpy.duration import Duration
@@ -27,9 +28,10 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.columns import BagError, Column, columns
 from impulse_control_ros.files.recording import storage_file
+from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import CLOCK, message_class, SERIES_QOS
+from impulse_control_ros.nodes.topics import message_class, SERIES_QOS
 from impulse_control_ros.stop import StopRequest
 
 AT_ONCE = 1000  # messages between two looks at what else is to do
@@ -87,7 +89,7 @@ class Player(ParameterNode):
             return self._origin
         return self._origin + round((monotonic() - self._anchor) * self._rate * SECOND)
 
-    def parameters_changed(self) -> None:
+    def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Go on from here at another rate."""
         self._origin, self._anchor = self._now(), monotonic()
         self._rate = self.parameters.rate
@@ -165,12 +167,12 @@ def surveyed(path: Path) -> tuple[Offers, Spans]:
 
 def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
     """
-    Return the topics ``wanted`` of those ``found``, or all but /parameter_events.
+    Return the topics ``wanted`` of those ``found``, or all.
 
     Raises `ParameterError` for a topic that is not in the bag.
     """
     if wanted is None:
-        return {name: value for name, value in found.items() if name != '/parameter_events'}
+        return found
     names = [f'/{name.lstrip("/")}' for name in wanted]
     for name in names:
         if name not in found:

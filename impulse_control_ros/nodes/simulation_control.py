@@ -1,5 +1,6 @@
-"""The services that control the plant's simulation: ~/reset, ~/pause and ~/step."""
+"""Reset, pause, step and quit of a plant: the services ~/reset, ~/pause and ~/step."""
 
+from time import monotonic
 from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
@@ -7,35 +8,72 @@ from std_srvs.srv import SetBool, Trigger
 
 class SimulationControl:
     """
-    Offers the services of ``plant``, a `PlantSimulator`.
+    What has been asked of ``plant``, a `PlantSimulator`, which it does between two samples.
 
-    They ask for what the plant then does between two samples; the answer says at which one.
+    ``paused``, ``quitting`` and ``reset_wanted`` say what is to be done.
     """
 
     def __init__(self, plant: Any) -> None:
+        self.paused = self.quitting = self.reset_wanted = False
         self._plant = plant
+        self._steps_left = 0
         plant.create_service(Trigger, '~/reset', self._on_reset)
         plant.create_service(SetBool, '~/pause', self._on_pause)
         plant.create_service(Trigger, '~/step', self._on_step)
 
+    def reset(self) -> bool:
+        """Let the next state be the start; False where there is no next state."""
+        self.reset_wanted = self._plant.has_next
+        return self.reset_wanted
+
+    def pause(self, paused: bool) -> None:
+        """Hold the next sample, or go on."""
+        self.paused, self._steps_left = paused, 0
+        self._plant.pacer.restart(self._plant.clock.tick, monotonic())
+
+    def step(self, samples: int) -> bool:
+        """Make so many samples more while paused; False where it is not."""
+        if self.paused:
+            self._steps_left += samples
+        return self.paused
+
+    def quit(self) -> None:
+        """Let the run end at the present state."""
+        self.quitting = True
+
+    @property
+    def holds(self) -> bool:
+        """Whether the next sample is to wait."""
+        return self.paused and not self._steps_left
+
+    @property
+    def is_stepping(self) -> bool:
+        """Whether the next sample was asked for while paused: it is made at once."""
+        return self._steps_left > 0
+
+    def made_step(self) -> None:
+        """Note a sample that was asked for."""
+        self._steps_left = max(0, self._steps_left - 1)
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        plant, start = self._plant, self._plant.parameters
-        response.success = plant.reset()
+        clock, start = self._plant.clock, self._plant.parameters
+        response.success = self.reset()
         response.message = (
-            f'the state at {plant.seconds(1)} s is x_0 = {start.x_0:g} m, v_0 = {start.v_0:g} m/s'
+            f'the state at {clock.seconds(1)} s is x_0 = {start.x_0:g} m, v_0 = {start.v_0:g} m/s'
             if response.success else 'refused: there is no run')
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        plant, response.success = self._plant, True
-        plant.pause(request.data)
-        response.message = f'{"paused" if request.data else "running"} at {plant.seconds()} s'
+        response.success = True
+        self.pause(request.data)
+        response.message = (f'{"paused" if request.data else "running"} at '
+                            f'{self._plant.clock.seconds()} s')
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        plant, samples = self._plant, self._plant.parameters.step_ticks
-        response.success = plant.step(samples)
+        samples = self._plant.parameters.step_ticks
+        response.success = self.step(samples)
         count = f'{samples} sample{"s" if samples > 1 else ""}'
-        response.message = (f'{count} from {plant.seconds()} s' if response.success
+        response.message = (f'{count} from {self._plant.clock.seconds()} s' if response.success
                             else 'refused: pause first')
         return response

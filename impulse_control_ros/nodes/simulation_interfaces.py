@@ -86,7 +86,7 @@ class SimulationInterfaces:
         return self._results.RESULT_OK, self._when()
 
     def _set_state(self, request: Any, response: Any) -> Outcome:
-        plant, states, wanted = self._plant, self._states, request.state.state
+        control, states, wanted = self._plant.control, self._states, request.state.state
         names = {states.STATE_PLAYING: 'playing', states.STATE_PAUSED: 'paused',
                  states.STATE_QUITTING: 'quitting'}
         if wanted not in names:
@@ -95,19 +95,19 @@ class SimulationInterfaces:
                     f'state = {wanted} is refused: allowed are {allowed}')
         if wanted == self._state():
             return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {self._when()}'
-        if plant.quitting:
+        if control.quitting:
             return response.INCORRECT_TRANSITION, f'state = {wanted} is refused: {ENDING}'
         if wanted == states.STATE_QUITTING:
-            plant.quit()
+            control.quit()
         else:
-            plant.pause(wanted == states.STATE_PAUSED)
+            control.pause(wanted == states.STATE_PAUSED)
         return self._results.RESULT_OK, f'{names[wanted]} {self._when()}'
 
     def _step(self, request: Any, _: Any) -> Outcome:
         steps, failed = request.steps, self._results.RESULT_OPERATION_FAILED
-        if self._plant.quitting:
+        if self._plant.control.quitting:
             return failed, f'steps = {steps} is refused: {ENDING}'
-        if not self._plant.step(steps):
+        if not self._plant.control.step(steps):
             return failed, f'steps = {steps} is refused while playing: pause first'
         return (self._results.RESULT_OK,
                 f'{steps} steps are asked for {self._when()}; {STEPS_ASKED_FOR}')
@@ -118,19 +118,20 @@ class SimulationInterfaces:
             return (self._results.RESULT_FEATURE_UNSUPPORTED,
                     f'scope = {scope} is refused: allowed is SCOPE_STATE '
                     f'({request.SCOPE_STATE}), for time never goes back and nothing is spawned')
-        if plant.quitting or not plant.reset():
-            why = ENDING if plant.tick >= 0 else 'there is no run yet'
+        if plant.control.quitting or not plant.control.reset():
+            why = ENDING if plant.clock.tick >= 0 else 'there is no run yet'
             return self._results.RESULT_INCORRECT_STATE, f'scope = {scope} is refused: {why}'
         start = plant.parameters
         return (self._results.RESULT_OK,
-                f'the state at {plant.seconds(1)} s is x_0 = {start.x_0:g} m, '
+                f'the state at {plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '
                 f'v_0 = {start.v_0:g} m/s; {STATE_ALONE}')
 
     def _state(self) -> int:
-        if self._plant.quitting:
+        control = self._plant.control
+        if control.quitting:
             return self._states.STATE_QUITTING
-        return self._states.STATE_PAUSED if self._plant.paused else self._states.STATE_PLAYING
+        return self._states.STATE_PAUSED if control.paused else self._states.STATE_PLAYING
 
     def _when(self) -> str:
-        plant = self._plant
-        return f'at {plant.seconds()} s' if plant.tick >= 0 else 'before the first state'
+        clock = self._plant.clock
+        return f'at {clock.seconds()} s' if clock.tick >= 0 else 'before the first state'

@@ -21,7 +21,8 @@ from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.nodes.parameters import missed_by, override_keys
+from impulse_control_ros.files.parameter_overrides import missed_by, override_keys
+from impulse_control_ros.nodes.joint_state_io import MiddlewareError
 from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1
@@ -108,7 +109,7 @@ def main(stop: StopRequest, prog: str, description: str,
         report_unused_overrides(nodes)
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
-    except (ParameterError, BagError, _rclpy.RCLError) as error:
+    except (ParameterError, BagError, MiddlewareError, _rclpy.RCLError) as error:
         # of several nodes one line says which
         where = '' if str(error).startswith(f'{prog}: ') else f'{prog}: '
         return leave(nodes, where + first_line(error), 2)

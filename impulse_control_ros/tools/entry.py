@@ -13,6 +13,14 @@ def sweep() -> int:
     return status
 
 
+def simulate() -> int:
+    """Make the bag of an experiment; Ctrl-C finishes it with what is there."""
+    stop = StopRequest()
+    status = int(import_module('impulse_control_ros.tools.simulate').main(stop))
+    stop.ignore()
+    return status
+
+
 def replay() -> int:
     """Play a bag, or run it again."""
     stop = StopRequest()

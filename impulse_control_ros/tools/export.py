@@ -6,12 +6,12 @@ from functools import partial
 from pathlib import Path
 import sys
 
-from impulse_control_ros.tools.arguments import ended
+from impulse_control_ros.tools.arguments import ended, RUN_HELP
 
 leave = partial(ended, 'export_bag')
 EPILOG = """\
 The table has a row for each sample: time, stamp_ns, position, velocity, effort (applied), command,
-impulse_area, guard, damping, marked (a run starts, or is reset); docs/bags.md explains them. A
+impulse_area, guard, damping, is_reset (a run starts, or is reset); docs/bags.md explains them. A
 Parquet file has the parameters too, which pandas shows as DataFrame.attrs. A file of that name is
 replaced."""
 SUFFIXES = ('.parquet', '.csv')
@@ -25,6 +25,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument('bag', metavar='BAG', type=Path, help='folder or .mcap file')
     parser.add_argument('file', metavar='FILE.parquet|FILE.csv', type=Path,
                         help='the ending says which')
+    parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
     return parser.parse_args(arguments)
 
 
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return leave(f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
                      'pip install pyarrow', 1)
     try:
-        run = read(bag)
+        run = read(bag, options.run)
         if not len(run.states):
             return leave(f'bag {str(bag)!r} has no samples', 2)
         rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.arguments import ended
+from impulse_control_ros.tools.arguments import ended, RUN_HELP
 
 leave = partial(ended, 'replay')
 DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     play.add_argument('--loop', action='store_true', help='begin again at the end')
     play.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
     play.add_argument('--topics', metavar='TOPIC', nargs='+',
-                      help='the topics to publish; all but /parameter_events if not given')
+                      help='the topics to publish; all if not given')
     play.add_argument('--clock', metavar='HZ', type=float,
                       help='messages on /clock per wall second, 100 if not given; 0 for none')
     again = parser.add_argument_group('computed and compared', COMPARED)
@@ -47,6 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help="with --controller: this file's parameters of the controller")
     again.add_argument('-p', dest='overrides', metavar='NAME:=VALUE', action='append', default=[],
                        help='with --controller: a parameter of the controller')
+    again.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
@@ -62,8 +63,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     ours = given[:(given + ['--ros-args']).index('--ros-args')]
     options = parser.parse_args(ours)
     if not (options.controller or options.closed_loop):
-        if options.params or options.overrides:
-            parser.error('--params and -p are for --controller')
+        if options.params or options.overrides or options.run:
+            parser.error('--params, -p and --run are for --controller')
         try:
             player = import_module('impulse_control_ros.nodes.player')
         except ModuleNotFoundError as error:
@@ -115,10 +116,13 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     from impulse_control_ros.tools.difference import difference, lines_of, same
     from impulse_control_ros.tools.rerun import closed_loop, open_loop
 
-    recording, overrides = read(options.bag), overrides_of(options)
+    recording, overrides = read(options.bag, options.run), overrides_of(options)
     if recording.unread is not None:
         print(f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '
               'cannot be read', file=sys.stderr)
+    if recording.lacks:
+        print(f'replay: warning: {options.bag}: incomplete: {"; ".join(recording.lacks)}',
+              file=sys.stderr)
     try:
         rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
     except BagError as error:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.parameter import build, declared, ParameterError, Parameters
+from impulse_control_ros.core.parameter import build, ParameterError, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
 from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.files.columns import BagError
@@ -20,7 +20,6 @@ from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.files.series import COMMAND, DAMPING, IMPULSE, SAMPLE
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
-NEEDED = {'m', 'time_step', 'joint_name'}  # of a plant or controller of ours, in any version
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,40 +34,26 @@ class Rerun:
     changes: int
 
 
-def known_node(recording: Recording, kind: type[Parameters]) -> str | None:
-    """Return the node with the parameters ``kind``; None where there is none of ours."""
-    known = {name for name, _, _ in declared(kind)}
-    for node, values in recording.parameters.items():
-        if NEEDED <= {name for name in values if not is_foreign(name)} <= known:
-            return node
-    return None
-
-
-def node_of(recording: Recording, kind: type[Parameters]) -> str:
-    """Return the node with the parameters ``kind``; raises `BagError` where there is none."""
-    node = known_node(recording, kind)
-    if node is None:
-        raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
-                       f'its nodes: {", ".join(recording.parameters) or "none"}')
-    return node
-
-
 def runs_freely(recording: Recording) -> bool:
     """Tell whether the plant does not wait for commands, as one that is none of ours."""
-    plant = known_node(recording, PlantParameters)
-    return plant is None or not recording.parameters[plant]['lockstep']
+    return not recording.plant or not recording.plant[0].values.get('lockstep')
 
 
 def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
               ) -> Iterator[tuple[int, bool, Any]]:
     """
-    Yield (stamp, anew, parameters of ``kind``): those at the start with stamp 0, then changes.
+    Yield (stamp, anew, parameters of ``kind``) for each time that they change.
 
-    ``overrides`` hold from the start to the end. Raises `ParameterError` for a wrong one.
+    ``overrides`` hold from the start to the end. Raises `ParameterError` for a wrong one, and
+    `BagError` where no node of the run has such parameters.
     """
-    for stamp, _, values, anew in recording.history(node_of(recording, kind)):
-        ours = {name: value for name, value in values.items() if not is_foreign(name)}
-        yield stamp, anew, build(kind, {**ours, **overrides})
+    changes = recording.plant if kind is PlantParameters else recording.controllers
+    if not changes:
+        raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
+                       f'its nodes: {", ".join(recording.parameters) or "none"}')
+    for change in changes:
+        ours = {name: value for name, value in change.values.items() if not is_foreign(name)}
+        yield change.stamp, change.anew, build(kind, {**ours, **overrides})
 
 
 def states_of(recording: Recording) -> np.ndarray:
@@ -78,16 +63,18 @@ def states_of(recording: Recording) -> np.ndarray:
     return recording.states
 
 
-def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
+def pieces_of(recording: Recording, stamps: np.ndarray, is_reset: np.ndarray,
               overrides: Mapping[str, Any]) -> list[Piece]:
-    """Return the pieces of a run with samples at ``stamps``, ``marked`` where it is reset."""
+    """Return the pieces of a run with samples at ``stamps``, of which some are a start."""
     axes, first = {}, None
-    if known_node(recording, PlantParameters):
+    if recording.plant:
         axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
         first = next(histories(recording, PlantParameters, {}))[2]
-    controllers, anew = {}, {0, *np.flatnonzero(marked).tolist()}
+    anew = {0, *np.flatnonzero(is_reset).tolist()}
     behind = np.searchsorted(stamps, recording.withdrawn, 'right')
     anew |= set(behind[behind < len(stamps)].tolist())
+    # who tells its parameters late has had them from the start
+    controllers = {0: next(histories(recording, ControllerParameters, overrides))[2]}
     for at, fresh, controller in located(stamps, recording, ControllerParameters, overrides):
         controllers[at] = controller
         anew |= {at} if fresh else set()
@@ -96,7 +83,7 @@ def pieces_of(recording: Recording, stamps: np.ndarray, marked: np.ndarray,
     for at in sorted({*axes, *controllers, *anew}):
         before, axis = axis, axes.get(at, axis)
         controller = controllers.get(at, controller)
-        pieces.append(Piece(at, axis, controller, at in anew, before if marked[at] else None))
+        pieces.append(Piece(at, axis, controller, at in anew, before if is_reset[at] else None))
     return pieces
 
 
@@ -133,7 +120,7 @@ def answered_states(recording: Recording, overrides: Mapping[str, Any],
     if runs_freely(recording):
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
-    pieces = pieces_of(recording, states['stamp'], states['marked'], overrides)
+    pieces = pieces_of(recording, states['stamp'], states['is_reset'], overrides)
     return states, pieces, answered(states['position'], states['velocity'], pieces)
 
 
@@ -166,17 +153,17 @@ def closed_loop(recording: Recording) -> Rerun:
     step, recorded = nanoseconds(first.time_step, 'time_step'), states_of(recording)
     if not first.lockstep:
         raise BagError('the run was free (lockstep: false): it depended on the wall clock')
-    if not recorded['marked'][0] or recorded['stamp'][0] != nanoseconds(
-            first.start_time, 'start_time'):
+    start = recording.plant[0]
+    if not start.anew or start.stamp != recorded['stamp'][0]:
         raise BagError(f'the bag begins in mid-run, at {recorded["stamp"][0] / 1e9:.9f} s')
     ticks = (recorded['stamp'] - recorded['stamp'][0]) // step
     stamps = recorded['stamp'][0] + step * np.arange(ticks[-1] + 1)
-    marked = np.zeros(len(stamps), bool)
-    marked[ticks] = recorded['marked']
-    pieces = pieces_of(recording, stamps, marked, {})
+    is_reset = np.zeros(len(stamps), bool)
+    is_reset[ticks] = recorded['is_reset']
+    pieces = pieces_of(recording, stamps, is_reset, {})
     made, answers = run_again(len(stamps), pieces)
     states, damping = np.zeros(len(stamps), SAMPLE), np.zeros(len(stamps), DAMPING)
-    states['stamp'], states['marked'], damping['stamp'] = stamps, marked, stamps
+    states['stamp'], states['is_reset'], damping['stamp'] = stamps, is_reset, stamps
     damping['damping'] = made['damping']
     for name in ('position', 'velocity', 'effort'):
         states[name] = made[name]

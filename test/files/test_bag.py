@@ -14,10 +14,15 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-from impulse_control_ros.files.bag import BagWriter, Topic
+from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.files.bag import BagWriter, PACKAGE, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.files.mcap_file import CHUNK_SIZE
+from impulse_control_ros.files.mcap_chunk import CHUNK_SIZE
+from impulse_control_ros.files.parameter_event import (
+    encode_parameter_event,
+    TYPE as PARAMETER_EVENT,
+)
 from impulse_control_ros.files.recording import read
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -25,8 +30,10 @@ FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 QOS = {'history': 'keep_last', 'depth': 4000, 'reliability': 'reliable', 'durability': 'volatile',
        'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 'automatic',
        'liveliness_lease_duration': FOREVER, 'avoid_ros_namespace_conventions': False}
-STATE, COMMAND = JointStateLayout('axis'), JointStateLayout('axis', '', ('effort',))
-EVENT = JointStateLayout('axis', 'position_zero')
+RUN, AUTHOR = '0123abcd', '/controller#4567'
+STATE = JointStateLayout('axis', StateHeader(RUN, 0, AUTHOR).frame_id)
+COMMAND = JointStateLayout('axis', CommandHeader(RUN, 0, AUTHOR).frame_id, ('effort',))
+EVENT = JointStateLayout('axis', CommandHeader(RUN, 0, AUTHOR, 'position_zero').frame_id)
 START, STEP = 1_000_000_000, 100_000
 
 
@@ -47,8 +54,9 @@ def begun(folder, count, compression='none'):
     writer = BagWriter(folder, compression)
     for name in ('/joint_states', '/impulse_events', '/joint_commands'):
         writer.add_topic(topic(name))
+    writer.add_topic(topic('/run_parameters', PARAMETER_EVENT))
     writer.add_topic(topic('/damping', 'std_msgs/msg/Float64'))
-    writer.add_metadata('parameters:/controller', {'K': '10.0', 'joint_name': '"axis"'})
+    writer.add_metadata(PACKAGE, {'version': '1.2.3', 'run': RUN})
     writer.write(entries(count))
     return writer
 
@@ -96,8 +104,9 @@ def test_the_mcap_reader_agrees_on_checksums_statistics_and_index(tmp_path, comp
     assert [message.log_time for _, _, message in messages] == sorted(
         message.log_time for _, _, message in messages)
     assert {(schema.name, schema.encoding) for schema in summary.schemas.values()} == {
-        ('sensor_msgs/msg/JointState', 'ros2msg'), ('std_msgs/msg/Float64', 'ros2msg')}
-    assert names == ['rosbag2', 'parameters:/controller', 'recording', 'rosbag2']
+        ('sensor_msgs/msg/JointState', 'ros2msg'), ('std_msgs/msg/Float64', 'ros2msg'),
+        (PARAMETER_EVENT, 'ros2msg')}
+    assert names == ['rosbag2', PACKAGE, 'recording', 'rosbag2']
 
 
 def test_a_range_of_time_is_found_by_the_message_index(tmp_path):
@@ -158,14 +167,20 @@ def test_the_metadata_file_is_that_of_jazzy(tmp_path):
 
 
 def test_what_is_written_is_read(tmp_path):
-    run = read(finished(tmp_path / 'run', 300))
+    writer = begun(tmp_path / 'run', 0)
+    values = {'K': 10.0, 'joint_name': 'axis', 'impulses': True, 'stick_samples': 3}
+    writer.write([(START, 4, encode_parameter_event(1, 0, f'run:{RUN} {AUTHOR}', values, {}))])
+    writer.write(entries(300))
+    writer.close({'missing': '0'})
+    run = read(tmp_path / 'run')
     assert np.array_equal(run.states['stamp'], START + np.arange(300) * STEP)
     assert list(run.states['position']) == [0.5 / (k + 1) for k in range(300)]
     assert list(run.commands['effort']) == [5.0 * k for k in range(300)]
     assert [tuple(row) for row in run.impulses] == [
         (START + k * STEP, 1, 0.5, -k, 0.25) for k in (7, 107, 207)]
-    assert run.parameters == {'/controller': {'K': 10.0, 'joint_name': 'axis'}}
-    assert run.receipt == {'messages': '603'}
+    assert run.parameters == {'/controller': values}
+    assert (run.run, run.version) == (RUN, '1.2.3')
+    assert run.receipt == {'messages': '604', 'missing': '0'}
 
 
 def test_an_existing_folder_is_refused_and_left_alone(tmp_path):

@@ -43,7 +43,8 @@ def test_a_row_has_the_bits_of_the_messages_of_its_stamp(run, table):
     for ours, theirs in (
             (table['position'], run.states['position']),
             (table['velocity'], run.states['velocity']), (table['effort'], run.states['effort']),
-            (table['command'], run.commands['effort']), (table['marked'], run.states['marked'])):
+            (table['command'], run.commands['effort']),
+            (table['is_reset'], run.states['is_reset'])):
         assert ours.tobytes() == theirs.tobytes()
 
 
@@ -62,7 +63,7 @@ def assert_same(frame, table):
     for name in NUMBERS:
         assert np.asarray(frame[name]).tobytes() == table[name].tobytes(), name
     assert list(frame['guard'].fillna('')) == list(table['guard'])
-    assert list(frame['marked']) == list(table['marked'])
+    assert list(frame['is_reset']) == list(table['is_reset'])
 
 
 def test_pandas_has_the_same_bits_and_the_parameters(bag, run, table):
@@ -72,6 +73,7 @@ def test_pandas_has_the_same_bits_and_the_parameters(bag, run, table):
     assert frame.attrs['parameters'] == run.parameters
     assert frame.attrs['units']['velocity'] == 'm/s'
     assert frame.attrs['receipt']['missing'] == '0'
+    assert (frame.attrs['run'], frame.attrs['lacks']) == (run.run, [])
 
 
 def test_a_parquet_file_has_the_same_bits_and_the_parameters(bag, table, tmp_path):

@@ -9,13 +9,18 @@ from mcap.writer import CompressionType, Writer
 import numpy as np
 import pytest
 
-from impulse_control_ros.files.cdr import FIELDS, JointStateLayout
+from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in, read_header
 from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.definition import message_definition
+from impulse_control_ros.files.parameter_event import (
+    encode_parameter_event,
+    TYPE as PARAMETER_EVENT,
+)
 from impulse_control_ros.files.recording import read, Recording
-from impulse_control_ros.files.timeline import stamp_of
-from test.files.test_bag import entries, finished
+from impulse_control_ros.files.series import first_joint
+from test.files.test_bag import AUTHOR, entries, finished, RUN, START
 
-LAYOUTS = [JointStateLayout('axis'), JointStateLayout('axis', 'reset'),
+LAYOUTS = [JointStateLayout('axis'), JointStateLayout('axis', f'run:{RUN}.1 {AUTHOR}'),
            JointStateLayout('axis', '', ('effort',)), JointStateLayout('', 'x', ())]
 bits = st.integers(0, 2**64 - 1).map(lambda word: struct.unpack('<d', struct.pack('<Q', word))[0])
 
@@ -49,7 +54,13 @@ def test_any_bytes_are_a_message_of_the_layout_or_none(layout, data):
     raw = data.draw(st.one_of(st.binary(max_size=200), mutated(valid)))
     decoded = layout.decode(raw)
     assert decoded is None or len(decoded) == 2 + len(layout.fields)
-    assert isinstance(stamp_of(raw), int)
+    stamp, frame_id = read_header(raw)
+    assert isinstance(stamp, int)
+    assert isinstance(frame_id, bytes)
+    count, joint = first_joint(raw)
+    assert count >= 0
+    if layout_in(raw, joint):
+        assert count
     rows = np.frombuffer(raw, np.uint8).reshape(1, -1)
     good, *values = layout.decode_rows(rows)
     assert bool(good[0]) == (decoded is not None)
@@ -77,9 +88,12 @@ def unchecked(chunked):
     schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
     channels = {number: writer.register_channel(name, 'cdr', schema) for number, name in (
         (1, '/joint_states'), (2, '/impulse_events'), (3, '/joint_commands'))}
-    writer.add_metadata('parameters:/controller', {'K': '10.0', 'joint_name': '"axis"'})
-    writer.add_metadata('parameters:/controller:1500', {'K': '12.0'})
-    for stamp, number, raw in entries(20):
+    channels[4] = writer.register_channel('/run_parameters', 'cdr', writer.register_schema(
+        PARAMETER_EVENT, 'ros2msg', message_definition(PARAMETER_EVENT).encode()))
+    told = [(START + at, 4, encode_parameter_event(
+        1, at, f'run:{RUN} {AUTHOR}', {'K': K, 'joint_name': 'axis', 'x': ['a', 'b']}, changed))
+        for at, K, changed in ((0, 10.0, {}), (1500, 12.0, {'K': 12.0}))]
+    for stamp, number, raw in (*told, *entries(20)):
         writer.add_message(channels[number], stamp, raw, stamp)
     writer.finish()
     return stream.getvalue()

@@ -22,7 +22,19 @@ from impulse_control_ros.tools.analyze.command import NAME, status
 from impulse_control_ros.tools.analyze.table import FIGURES
 from test.conftest import BIN, CONFIG, ROOT, wait_for
 from test.files.test_bag import START, STATE, topic
-from test.tools.bags import begun, entries, experiment, finished, recorded
+from test.tools.bags import (
+    all_told,
+    begun,
+    CONTROLLER,
+    entries,
+    experiment,
+    finished,
+    recorded,
+    recorded_elsewhere,
+    sent,
+    STATES,
+    told,
+)
 
 
 def analyzed(capsys, *arguments):
@@ -122,9 +134,8 @@ def stepped(tmp_path):
     second = simulate(axis, gains, 0.7)
     writer = begun(tmp_path / 'stepped', made)
     writer.write(entry for entry in entries(first) if entry[0] < START + 500_000_000)
-    writer.add_metadata(f'parameters:/controller:{START + 500_000_000}', {
-        name: json.dumps(value) for name, value in gains.flat().items()})
-    writer.write(entries(second, 5000, reset=False))
+    writer.write([told(CONTROLLER, gains.flat(), tick=5000)])
+    writer.write(entries(second, 5000))
     return finished(writer), first, second
 
 
@@ -157,7 +168,7 @@ def test_a_reset_begins_another_response(tmp_path, capsys):
     run = simulate(made.plant_simulator, made.controller, 0.3)
     writer = begun(tmp_path / 'run', made)
     writer.write(entries(run))
-    writer.write(entries(run, 3001))
+    writer.write(entries(run, 3001, episode=1))
     finished(writer)
     one, two = responses(capsys, tmp_path / 'run', '--all')
     assert two['start'] == pytest.approx(0.3001)
@@ -171,7 +182,10 @@ def test_missing_samples_are_counted_and_do_not_shift_the_time(tmp_path, capsys)
     writer = begun(tmp_path / 'run', made)
     lost = {START + k * 100_000 for k in range(700, 800)}
     writer.write(entry for entry in entries(run) if entry[0] not in lost)
-    got, = responses(capsys, finished(writer))
+    code, out, err = analyzed(capsys, finished(writer), '--format', 'json')
+    assert (code, err) == (0, [
+        f'analyze: warning: {tmp_path}/run: incomplete: 100 states are missing'])
+    got, = json.loads(out)
     assert got['missing'] == 100
     assert got['settling_time_0.01'] == pytest.approx(1.1145)
     assert got['iae'] == pytest.approx(0.11116, rel=1e-3)
@@ -237,6 +251,66 @@ def test_a_figure_is_drawn_the_same_again(tmp_path, capsys, bag, suffix, magic):
     assert drawn[0] == drawn[1]
 
 
+# -- bags that lack something -----------------------------------------------------------------
+
+
+def of_a_robot(folder, positions):
+    """Return the bag of a driver that measures positions only."""
+    layout = JointStateLayout('axis', 'base', ('position',))
+    return recorded_elsewhere(folder, sent(
+        (START, STATES, layout.encode(1, k * 10**6, position))
+        for k, position in enumerate(positions)))
+
+
+def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
+    bag = of_a_robot(tmp_path / 'bag', np.linspace(0.5, 0.0, 100))
+    file = tmp_path / 'figure.png'
+    code, out, err = analyzed(capsys, bag, '--figure', file)
+    assert (code, err) == (0, [
+        f'analyze: warning: {bag}: incomplete: there are no commands',
+        f'analyze: warning: {bag}: no node tells its set-point x_r: 0 m is taken',
+        f'analyze: wrote {file}'])
+    assert re.search(r'peak velocity \[m/s\] +unknown', out)
+    assert responses(capsys, bag)[0]['peak_velocity'] is None
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_states_without_a_position_are_left_out_with_a_warning(tmp_path, capsys, value):
+    moves = 0.5 * np.exp(-np.arange(600) / 50) * np.cos(np.arange(600) / 20)
+    bags = [of_a_robot(tmp_path / name, positions) for name, positions in (
+        ('whole', moves[5:]), ('bag', np.where(np.arange(600) < 5, value, moves)))]
+    expected, got = responses(capsys, *bags)
+    for name in ('overshoot', 'iae', 'settling_time_0.01', 'samples'):
+        assert got[name] == pytest.approx(expected[name])
+    assert (f'analyze: warning: {bags[1]}: 5 states without a finite position, or with an '
+            'infinite velocity, are left out') in analyzed(capsys, bags[1])[2]
+
+
+def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
+    made = experiment('underdamped')
+    run = simulate(made.plant_simulator, made.controller, 0.3)
+    writer = begun(tmp_path / 'bag', made)
+    writer.write(entry for entry in entries(run) if entry[0] >= START + 10**8)
+    code, _, err = analyzed(capsys, finished(writer))
+    assert (code, err) == (0, [
+        f'analyze: warning: {tmp_path}/bag: incomplete: it begins in mid-run, at 1.100000000 s, '
+        'where the controller may have been at work for long'])
+
+
+def test_a_run_of_several_is_analysed_by_its_name(tmp_path, capsys):
+    made = experiment('underdamped')
+    runs = {name: simulate(made.plant_simulator, made.controller, seconds)
+            for name, seconds in (('0123abcd', 0.02), ('89abcdef', 0.03))}
+    bag = recorded_elsewhere(tmp_path / 'bag', (
+        message for number, (name, run) in enumerate(runs.items()) for message in sent(
+            [*all_told(made, name), *entries(run, run=name)], (number + 1) * 10**15)))
+    assert responses(capsys, bag)[0]['samples'] == 301
+    assert responses(capsys, bag, '--run', '0123abcd')[0]['samples'] == 201
+    code, out, err = analyzed(capsys, bag, '--run', 'x')
+    assert (code, out) == (2, '')
+    assert err[0].endswith('run x is not in it; its runs: 0123abcd, 89abcdef')
+
+
 # -- bad bags ---------------------------------------------------------------------------------
 
 
@@ -260,7 +334,7 @@ def flipped(path, bag):
 
 def cut_before_a_chunk(path, bag):
     data = whole(bag)
-    path.write_bytes(data[:data.index(b'parameters:/plant') + 50])
+    path.write_bytes(data[:data.index(b'/impulse_events') + 50])
 
 
 def with_topic(name, kind, raw):

@@ -6,9 +6,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from impulse_control_ros.core.protocol import parse_command
 from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.columns import Column, columns
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.topics import FLOAT64, SERIES
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.replay import main
 from test.conftest import CONFIG
@@ -98,12 +100,10 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
         assert client.set(node, **values).successful
     assert client.call('/plant_simulator/reset', Trigger, once=True).success
     controller.kill()
-    plant.says('published again')
+    first = author_of(commands[-1])
     controller = graph.start('controller', '--ros-args', '--params-file', config, '-p',
                              'd_bar:=1.25')
-    # the recorder has asked: what is set now is a change, and not how the controller came
-    client.spin_until(lambda: b'parameters:/controller:' in (bag / 'bag_0.mcap').read_bytes(),
-                      'the parameters of the other controller')
+    client.spin_until(lambda: author_of(commands[-1]) != first, 'the other controller')
     assert client.set('controller', x_r=-0.1).successful
     assert client.set('plant_simulator', F_c=1.5, real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
@@ -111,25 +111,29 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     assert recorder.interrupt() == 0
     run = read(bag)
     assert len([change for change in run.changes if 'controller' in change.node]) >= 5
-    assert sum(run.states['marked']) == 2
+    assert sum(run.states['is_reset']) == 2
+    assert len({change.node_id for change in run.controllers}) == 2
     for how in ('--controller', '--closed-loop'):
         status, said = replay(bag, how)
         assert status == 0, said
         assert ' 20001 compared, 0 differ' in said or run.receipt['missing'] != '0'
 
 
+def author_of(command):
+    return parse_command(command.header.frame_id).author
+
+
 def rewritten(bag, folder, change=lambda topic, number, raw: raw):
     """Return a copy of a bag in which ``change`` has had its way with each message."""
     writer = BagWriter(folder)
+    kinds = {f'/{name}': kind for name, kind in {**SERIES, 'damping': FLOAT64}.items()}
     channels, counts, entries = {}, {}, []
     for item in columns(bag / f'{bag.name}_0.mcap'):
         if isinstance(item, Column):
             for at, size, stamp in zip(item.start, item.size, item.stamp, strict=True):
                 if item.topic not in channels:
-                    kind = 'Float64' if item.topic == '/damping' else 'JointState'
-                    package = 'std_msgs' if item.topic == '/damping' else 'sensor_msgs'
                     channels[item.topic] = writer.add_topic(
-                        Topic(name=item.topic, type=f'{package}/msg/{kind}', qos=(QOS,)))
+                        Topic(name=item.topic, type=kinds[item.topic], qos=(QOS,)))
                 counts[item.topic] = number = counts.get(item.topic, -1) + 1
                 raw = change(item.topic, number, item.content[at:at + size].tobytes())
                 entries.append((int(stamp), channels[item.topic], raw))
@@ -234,7 +238,7 @@ def test_a_bag_lacks_no_command_unsaid_but_that_of_the_state_it_ends_with(tmp_pa
 def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
     bag = simulated(tmp_path / 'run', 'underdamped', 0.1)[0]
     without = rewritten(bag, tmp_path / 'without', lambda topic, number, raw: (
-        raw if topic == '/joint_states' else raw[:8]))
+        raw if topic in ('/joint_states', '/run_parameters') else raw[:8]))
     assert main(StopRequest(), [str(without), '--controller']) == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
 
@@ -258,7 +262,8 @@ def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, 
     client.spin_until(lambda: len(states) == len(commands) == 501, 'all messages')
     assert player.wait() == 0, player.output
     run = read(bag)
-    assert f'{2 * 501 + len(run.impulses)} messages published' in player.output
+    told = len(run.history)  # plant and controller, once each
+    assert f'{2 * 501 + len(run.impulses) + told} messages published' in player.output
     assert [state.position[0] for state in states] == run.states['position'].tolist()
     assert [command.effort[0] for command in commands] == run.commands['effort'].tolist()
     times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]

@@ -18,7 +18,7 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.tools.analyze.command import status
 from impulse_control_ros.tools.analyze.packing import on_grid
 from test.conftest import BIN
-from test.tools.bags import begun, entries, experiment, finished, recorded
+from test.tools.bags import begun, CONTROLLER, entries, experiment, finished, recorded, told
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
     'google-chrome')
@@ -274,9 +274,7 @@ def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tm
     run = simulate(made.plant_simulator, made.controller, 0.2)
     writer = begun(tmp_path / '<b>&run', made)
     writer.write(entries(run))
-    writer.add_metadata('parameters:/controller:1100000000', {
-        name: json.dumps(0.25 if name == 'x_r' else value)
-        for name, value in made.controller.flat().items()})
+    writer.write([told(CONTROLLER, {**made.controller.flat(), 'x_r': 0.25}, ['x_r'], 1000)])
     finished(writer)
     path = tmp_path / 'report.html'
     assert status([str(tmp_path / '<b>&run'), '--report', str(path)]) == 0

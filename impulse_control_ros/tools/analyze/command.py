@@ -9,15 +9,17 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
 from impulse_control_ros.files.replaced import replaced
-from impulse_control_ros.tools.arguments import Parser, UsageError
+from impulse_control_ros.tools.arguments import Parser, RUN_HELP, UsageError
 
 if TYPE_CHECKING:
+    from impulse_control_ros.files.recording import Recording
     from impulse_control_ros.tools.analyze.run import Run
 
 NAME = 'analyze'
@@ -31,7 +33,8 @@ what it has beside the feedback -K e - D v from the sample of an impulse on. Wor
 effort that acted from each state to the next times the way, exact, as it is held over the sample.
 Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
 
-A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning."""
+A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning. So
+is one that lacks anything of its run: a first response that begins in mid-run is no whole one."""
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -42,6 +45,7 @@ def parsed(arguments: Sequence[str]) -> argparse.Namespace:
                         help='a bag of ours: its folder, or the .mcap file in it')
     parser.add_argument('--all', action='store_true', dest='every',
                         help='each response of a bag, not its last one alone')
+    parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
     parser.add_argument('--format', choices=('text', 'json', 'csv'), default='text',
                         help='of the table on stdout (default: %(default)s)')
     parser.add_argument('--report', metavar='FILE.html', type=Path,
@@ -71,8 +75,12 @@ def require_writable(name: str, path: Path | None, suffixes: tuple[str, ...], pa
                          f', or pip install {package}')
 
 
-def runs_of(bags: Sequence[Path]) -> Iterator[Run]:
-    """Read the bags; warns of what is not in them, and raises `UsageError` for what is none."""
+def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
+    """
+    Read the bags, of those with several runs that with the ``name``, '' for the longest.
+
+    Warns of what is not in them, and raises `UsageError` for what is none.
+    """
     import numpy as np
 
     from impulse_control_ros.files.columns import BagError
@@ -83,23 +91,37 @@ def runs_of(bags: Sequence[Path]) -> Iterator[Run]:
     names = Counter(bag.resolve().name for bag in bags)
     for bag in bags:
         try:
-            recording = read(bag)
+            recording = with_positions(bag, read(bag, name))
         except BagError as error:
             raise UsageError(str(error)) from None
-        name = bag.resolve().name
-        run = Run(name=name if names[name] == 1 else str(bag), path=bag, recording=recording)
+        short = bag.resolve().name
+        run = Run(name=short if names[short] == 1 else str(bag), path=bag, recording=recording)
         if recording.unread is not None:
             warn_of_cut(run)
         if len(recording.states) < 2 or not np.ptp(recording.states['stamp']):
             raise UsageError(f'{bag}: there are {len(recording.states)} states in it; 2 with '
                              'different stamps are needed')
         missing = int(recording.receipt.get('missing', 0))
-        if missing:
+        if recording.lacks:
+            warn(f'{bag}: incomplete: {"; ".join(recording.lacks)}')
+        elif missing:
             warn(f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
                  'them')
         if not settings_of(recording):
             warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
+
+
+def with_positions(bag: Path, recording: Recording) -> Recording:
+    """Return a recording without the states that no controller answers; warns of them."""
+    import numpy as np
+    states = recording.states
+    good = np.isfinite(states['position']) & ~np.isinf(states['velocity'])
+    if good.all():
+        return recording
+    warn(f'{bag}: {np.count_nonzero(~good)} states without a finite position, or with an infinite '
+         'velocity, are left out')
+    return replace(recording, states=states[good])
 
 
 def warn_of_cut(run: Run) -> None:
@@ -121,7 +143,7 @@ def analyze(arguments: Sequence[str]) -> None:
     from impulse_control_ros.tools.analyze.table import FORMATS, Response, responses_of
     runs: list[Run] = []
     responses: list[Response] = []
-    for run in runs_of(options.bags):
+    for run in runs_of(options.bags, options.run):
         responses += responses_of(run, options.every)
         if options.report or options.figure:
             runs.append(run)

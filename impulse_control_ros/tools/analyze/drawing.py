@@ -87,6 +87,7 @@ def close_limits(runs: Sequence[Run]) -> dict[str, tuple[float, float]]:
     close = CLOSE * max(float(np.abs(run.error).max()) for run in runs) or CLOSE
     speeds = np.concatenate([
         [0.0], *(run.states['velocity'][np.abs(run.error) < close] for run in runs)])
+    speeds = speeds[np.isfinite(speeds)]  # they may be unknown
     room = 0.05 * float(np.ptp(speeds)) or close
     return {'xlim': (-close, close),
             'ylim': (float(speeds.min()) - room, float(speeds.max()) + room)}

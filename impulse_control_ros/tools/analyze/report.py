@@ -71,7 +71,8 @@ def facts_of(run: Run) -> dict[str, Any]:
         'parameters': {node: texts(values.items()) for node, values in
                        recording.parameters.items()},
         'changes': [(f'{(change.stamp - stamps[0]) / SECOND:.9g} s', change.node,
-                     texts(change.values.items())) for change in recording.changes],
+                     texts((change.changed or change.values).items()))
+                    for change in recording.changes],
         'provenance': texts([
             ('bag', str(run.path)), ('recorded by', f'impulse_control_ros {recording.version}'),
             ('first state at', f'{stamps[0] / SECOND:.9f} s'), *recording.receipt.items(),

@@ -42,14 +42,14 @@ def settings_of(recording: Recording) -> list[Setting]:
     """
     Return what the controller was set to over the run: the one place that x_r(t) comes from.
 
-    Empty where no node of the bag tells a set-point.
+    Empty where no controller of the bag tells a set-point; the first one has had it all along.
     """
-    node = next((name for name, values in recording.parameters.items() if 'x_r' in values), None)
-    if node is None:
-        return []
-    return [Setting(int(np.searchsorted(recording.states['stamp'], change.stamp)),
-                    {name: change.values.get(name, value) for name, value in NO_GAINS.items()})
-            for change in recording.history(node)]
+    told = [change for change in recording.controllers if 'x_r' in change.values]
+    firsts = np.searchsorted(recording.states['stamp'], [change.stamp for change in told])
+    firsts[:1] = 0
+    return [Setting(first, {name: change.values.get(name, value)
+                            for name, value in NO_GAINS.items()})
+            for first, change in zip(firsts.tolist(), told, strict=True)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,7 @@ class Run:
         The first begins with the first answered state: a plant may be there before a controller.
         """
         answered = self._places(self.recording.commands['stamp'][:1]).tolist() or [0]
-        starts = set(np.flatnonzero(self.states['marked']).tolist())
+        starts = set(np.flatnonzero(self.states['is_reset']).tolist())
         starts |= {after.first for before, after in pairwise(self.settings)
                    if before.values['x_r'] != after.values['x_r']}
         inside = sorted(start for start in starts if answered[0] < start < len(self.states))

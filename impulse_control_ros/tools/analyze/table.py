@@ -99,15 +99,17 @@ def rows_of(responses: Sequence[Response]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [('', *(response.name for response in responses))]
     for name, (unit, words) in FIGURES.items():
         rows.append((f'{words} [{unit}]' if unit else words,
-                     *(shown(response.figures[name]) for response in responses)))
+                     *(shown(name, response.figures[name]) for response in responses)))
     return rows
 
 
-def shown(figure: Figure) -> str:
-    """Return a figure for reading; only settling times may be none."""
+def shown(name: str, figure: Figure) -> str:
+    """Return a figure for reading."""
     if isinstance(figure, int):
         return str(figure)
-    return 'never' if math.isnan(figure) else f'{figure:.5g}'
+    if math.isfinite(figure):
+        return f'{figure:.5g}'
+    return 'never' if name in map(settling, TOLERANCES) else 'unknown'
 
 
 def as_text(responses: Sequence[Response]) -> str:
@@ -123,7 +125,7 @@ def as_text(responses: Sequence[Response]) -> str:
 def plain(response: Response) -> dict[str, Figure | str | None]:
     """Return a response by name; None for what there is not."""
     return {'bag': response.name, 'path': str(response.path)} | {
-        name: None if math.isnan(figure) else figure
+        name: figure if math.isfinite(figure) else None
         for name, figure in response.figures.items()}
 
 

@@ -177,7 +177,7 @@ function extent(key, test = () => true) {
   let high = -Infinity;
   for (const run of runs) {
     for (let i = 0; i < run.count; i++) {
-      if (!test(run, i)) continue;
+      if (!test(run, i) || !Number.isFinite(run[key][i])) continue;
       low = Math.min(low, run[key][i]);
       high = Math.max(high, run[key][i]);
     }

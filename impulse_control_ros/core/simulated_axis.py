@@ -1,4 +1,4 @@
-"""The axis as the plant node holds it: its state, its hardware, and the kernel that steps both."""
+"""An axis one sample at a time, as a plant holds it: its state, its hardware, and the kernel."""
 
 from typing import Any
 

@@ -1,13 +1,11 @@
 """When samples are due on the wall clock, and how well that is kept."""
 
-from time import monotonic
-
 import numpy as np
 
 SLIP = 0.1
 
 
-class Pace:
+class WallClockPacer:
     """
     The wall time of samples: ``wall_step`` seconds apart, 0 for as fast as possible.
 
@@ -18,15 +16,15 @@ class Pace:
     def __init__(self) -> None:
         self.wall_step = 0.0
         self.missed = 0
-        self._since, self._tick = monotonic(), 0
+        self._since, self._tick = 0.0, 0
         self._errors: list[float] = []
 
-    def restart(self, tick: int) -> None:
-        """Count wall time from now, at ``tick``."""
-        self._since, self._tick = monotonic(), tick
+    def restart(self, tick: int, now: float) -> None:
+        """Count wall time from ``now`` [s] on, at ``tick``."""
+        self._since, self._tick = now, tick
 
     def due(self, tick: int) -> float:
-        """Return the monotonic time at which the sample after ``tick`` is due; 0 for at once."""
+        """Return the wall time [s] at which the sample after ``tick`` is due; 0 for at once."""
         return self._since + (tick + 1 - self._tick) * self.wall_step if self.wall_step else 0.0
 
     def made(self, tick: int, now: float) -> None:
@@ -35,7 +33,7 @@ class Pace:
         self._errors.append(late)
         self.missed += late > self.wall_step
         if late > SLIP:
-            self.restart(tick)
+            self.restart(tick, now)
 
     def report(self) -> dict[str, str]:
         """Return the pacing error since the last report, in microseconds."""

@@ -1,0 +1,251 @@
+"""
+Who a message is from: the protocol between the plant, its controllers and its recorders.
+
+Every message names its run and its author in ``header.frame_id``, which JointState does not use:
+
+=====================  ============================  ===========================================
+message                frame_id                      meaning
+=====================  ============================  ===========================================
+joint_states           run:NNNNNNNN.E CONTROLLER     CONTROLLER: the active one, absent for none
+joint_commands         run:NNNNNNNN.E AUTHOR GUARD   GUARD: the one that fired, absent for none
+impulse_events         run:NNNNNNNN.E AUTHOR GUARD
+recorder_progress      run:NNNNNNNN RECORDER
+run_parameters (node)  run:NNNNNNNN NODE             NODE: a plant's name, a controller's id
+=====================  ============================  ===========================================
+
+NNNNNNNN are 8 hexadecimal digits drawn at each start of a plant. E is the episode: 0, and one
+more at each reset. An id is a node's full name, ``#`` and 4 digits drawn at its start. Any other
+frame_id is that of a foreign peer: a robot's driver, or somebody's own controller.
+
+1. The plant decides who controls. While its states name no controller, every controller may
+   answer. The author of the first command with the right stamp becomes active, and is named from
+   the next state on. Commands of others are ignored. A state without a command is published
+   again soon. When the active controller has been silent for ``command_timeout``, the plant
+   publishes the state again and names nobody.
+2. A controller answers states that name it or nobody. It stands by for any other. It answers a
+   state with the same stamp again with the same bytes. Another run or episode clears its memory.
+3. A controller stays with its run while states of it come. It ignores states of another run, and
+   adopts that run after `RUN_TIMEOUT` without a state of its own.
+4. A foreign plant is always answered, with the guard alone as frame_id. The plant takes the
+   commands of a foreign controller by rule 1, and its states then name `FOREIGN`.
+5. A recorder joins when it publishes its progress, and leaves after ``recorder_timeout``
+   without. The plant stays at most `WINDOW` samples ahead of the slowest. When a recorder has
+   joined, or a controller has become active, the plant publishes its state again until every
+   recorder has the sample whole.
+6. Parameters are on run_parameters before the state that they first act with. A controller
+   answers one of our plants only once it knows that plant's parameters.
+
+The decisions are pure functions: test/core/test_protocol.py searches their interleavings.
+"""
+
+from collections.abc import Iterable
+from enum import auto, Enum
+import re
+import secrets
+from typing import NamedTuple
+
+FOREIGN = '-'
+RUN_TIMEOUT = 1.0  # s
+WINDOW = 1000  # samples
+ENDLESS = 2**62
+_STATE = re.compile(r'run:([0-9a-f]{8})\.(\d{1,9})(?: (\S+))?')
+_COMMAND = re.compile(r'run:([0-9a-f]{8})\.(\d{1,9}) (\S+)(?: (\S+))?')
+_NODE = re.compile(r'(?:run:([0-9a-f]{8}) )?(\S+)')
+
+
+class StateHeader(NamedTuple):
+    """The frame_id of a state: ``run`` is '' of a foreign plant, ``controller`` '' for none."""
+
+    run: str = ''
+    episode: int = 0
+    controller: str = ''
+
+    @property
+    def frame_id(self) -> str:
+        """The frame_id; '' for a foreign plant."""
+        if not self.run:
+            return ''
+        return f'run:{self.run}.{self.episode}' + (f' {self.controller}' * bool(self.controller))
+
+
+class CommandHeader(NamedTuple):
+    """
+    The frame_id of a command or an event.
+
+    ``run`` is '' where a foreign plant is answered, or where a foreign controller answers; the
+    ``author`` is then `FOREIGN`, and ``guard`` the whole frame_id.
+    """
+
+    run: str = ''
+    episode: int = 0
+    author: str = FOREIGN
+    guard: str = ''
+
+    @property
+    def frame_id(self) -> str:
+        """The frame_id; the guard alone without a run."""
+        if not self.run:
+            return self.guard
+        return f'run:{self.run}.{self.episode} {self.author}' + f' {self.guard}' * bool(self.guard)
+
+
+class NodeHeader(NamedTuple):
+    """Who publishes progress or parameters: ``run`` is '' beside a foreign plant."""
+
+    run: str
+    node: str
+
+    @property
+    def frame_id(self) -> str:
+        """The text that stands in the message."""
+        return f'run:{self.run} {self.node}' if self.run else self.node
+
+
+def parse_state(frame_id: str) -> StateHeader:
+    """Return what a state's frame_id says."""
+    found = _STATE.fullmatch(frame_id)
+    return StateHeader(found[1], int(found[2]), found[3] or '') if found else StateHeader()
+
+
+def parse_command(frame_id: str) -> CommandHeader:
+    """Return what the frame_id of a command or an event says."""
+    found = _COMMAND.fullmatch(frame_id)
+    if not found:
+        return CommandHeader(guard=frame_id)
+    return CommandHeader(found[1], int(found[2]), found[3], found[4] or '')
+
+
+def parse_node(frame_id: str) -> NodeHeader:
+    """Return what the frame_id of progress, or the node of parameters, says; '' for nothing."""
+    found = _NODE.fullmatch(frame_id)
+    return NodeHeader(found[1] or '', found[2]) if found else NodeHeader('', '')
+
+
+def new_run() -> str:
+    """Draw the id of a run."""
+    return secrets.token_hex(4)
+
+
+def new_id(full_name: str) -> str:
+    """Draw the id of a node."""
+    return f'{full_name}#{secrets.token_hex(2)}'
+
+
+def name_of(node_id: str) -> str:
+    """Return the full name of the node with this id."""
+    return node_id.partition('#')[0]
+
+
+# -- the plant's decisions ------------------------------------------------------------------
+
+
+class Verdict(Enum):
+    """What the plant does with a command."""
+
+    ACTS = auto()
+    STALE = auto()  # not the one that is due
+    IGNORED = auto()  # another controller is active
+    OTHER_RUN = auto()
+
+
+def judge_command(active: StateHeader, sender: CommandHeader, is_due: bool
+                  ) -> tuple[StateHeader, Verdict]:
+    """
+    Decide on a command while the plant's states have the header ``active``.
+
+    ``is_due`` tells whether its stamp is the right one. Returns the header of the next state.
+    """
+    ours = sender.run == active.run and sender.episode == active.episode
+    if not ours and sender.author != FOREIGN:
+        return active, Verdict.OTHER_RUN
+    if active.controller and active.controller != sender.author:
+        return active, Verdict.IGNORED
+    if not is_due:
+        return active, Verdict.STALE
+    if not active.controller:
+        active = active._replace(controller=sender.author)
+    return active, Verdict.ACTS
+
+
+def after_silence(active: StateHeader, silent: float, command_timeout: float) -> StateHeader:
+    """Return the header with which a state that nobody has answered is published again."""
+    return active._replace(controller='') if silent >= command_timeout else active
+
+
+def after_reset(active: StateHeader) -> StateHeader:
+    """Return the header of the first state of the next episode."""
+    return active._replace(episode=active.episode + 1)
+
+
+def step_limit(reached: Iterable[int], since: int) -> int:
+    """
+    Return the first tick that the recorders do not let the plant leave.
+
+    ``reached`` has the last tick that each of them has whole. ``since`` is the tick that all must
+    have: that at which the last recorder joined or the last controller became active, for their
+    endpoints may not be matched yet. The plant sets it back to 0 when the active controller is
+    silent for command_timeout meanwhile: what they lack will not come.
+    """
+    slowest = min(reached, default=ENDLESS)
+    return slowest + WINDOW if slowest >= since else 0
+
+
+# -- a controller's decisions ---------------------------------------------------------------
+
+
+class Reply(Enum):
+    """What a controller does with a state."""
+
+    ANSWER = auto()
+    ANSWER_AFRESH = auto()  # with an empty memory
+    REPEAT = auto()  # send the same bytes again
+    STAND_BY = auto()
+    STALE = auto()  # older than one that is answered
+    OTHER_RUN = auto()
+
+
+class Answered(NamedTuple):
+    """
+    What a controller has answered last: the run, the episode and the stamp [ns].
+
+    ``run`` is None before the first state. ``stamp`` is 0 where the next answer starts afresh.
+    """
+
+    run: str | None = None
+    episode: int = 0
+    stamp: int = 0
+
+
+def judge_state(own_id: str, last: Answered, state: StateHeader, stamp: int, step: int,
+                quiet: float) -> tuple[Answered, Reply]:
+    """
+    Decide on a state of ``stamp`` [ns] of one of our plants.
+
+    ``step`` [ns] is the time between states in lockstep, 0 for any; ``quiet`` [s] the wall time
+    since the last state of the controller's run.
+    """
+    if state.run != last.run:
+        if last.run is not None and quiet < RUN_TIMEOUT:
+            return last, Reply.OTHER_RUN
+        last = Answered(state.run, state.episode)
+    if state.episode < last.episode or stamp < last.stamp:
+        return last, Reply.STALE
+    if state.controller not in ('', own_id):
+        return Answered(state.run, state.episode), Reply.STAND_BY
+    if stamp == last.stamp:
+        return last, Reply.REPEAT
+    follows = last.stamp and state.episode == last.episode and step in (0, stamp - last.stamp)
+    return (Answered(state.run, state.episode, stamp),
+            Reply.ANSWER if follows else Reply.ANSWER_AFRESH)
+
+
+def judge_foreign_state(last: Answered, stamp: int, quiet: float) -> tuple[Answered, Reply]:
+    """Decide on a state of a foreign plant as `judge_state` does; its time may go back."""
+    if last.run != '':
+        if last.run is not None and quiet < RUN_TIMEOUT:
+            return last, Reply.OTHER_RUN
+        last = Answered('')
+    if stamp == last.stamp:
+        return last, Reply.REPEAT
+    follows = last.stamp and stamp > last.stamp
+    return last._replace(stamp=stamp), Reply.ANSWER if follows else Reply.ANSWER_AFRESH

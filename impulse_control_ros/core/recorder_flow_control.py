@@ -1,0 +1,81 @@
+"""
+The plant's view of the recorders: how far each is, and so how far simulated time may go.
+
+A recorder publishes on recorder_progress the stamp up to which it has whole samples. That is flow
+control over an ordinary topic: DDS alone would drop messages (keep last) or fail the publish (keep
+all), and tell the sender of neither.
+"""
+
+from impulse_control_ros.core.protocol import ENDLESS, step_limit
+from impulse_control_ros.core.tick import SampleClock, SECOND
+
+LEAVES = 2**31 - 1  # s; the progress of a recorder that ends
+
+
+class RecorderFlowControl:
+    """
+    The joined recorders of a plant, whose time is that of ``clock``.
+
+    The plant may leave the ticks below ``limit``. Without ``lockstep`` recorders are known, but
+    hold nothing.
+    """
+
+    def __init__(self, clock: SampleClock, lockstep: bool) -> None:
+        self.limit = ENDLESS
+        self._clock, self._lockstep = clock, lockstep
+        self._reached: dict[str, int] = {}
+        self._heard_at: dict[str, float] = {}
+        self._since = 0
+
+    def __len__(self) -> int:
+        return len(self._reached)
+
+    def take(self, recorder: str, stamp_ns: int, now: float) -> str:
+        """Take the progress of a recorder, received ``now`` [s]; returns what is new about it."""
+        if stamp_ns >= LEAVES * SECOND:
+            return 'has ended' if self._drop(recorder) else ''
+        news = '' if recorder in self._reached else 'has joined'
+        self._heard_at[recorder] = now
+        if news:
+            self._reached[recorder] = self._clock.tick - 1
+            self.hold()
+        if stamp_ns:
+            self._reached[recorder] = min(self._clock.tick_at(stamp_ns), self._clock.tick)
+        self._update()
+        return news
+
+    def drop_silent(self, now: float, timeout: float) -> list[str]:
+        """Drop the recorders that have been silent for ``timeout`` [s]; returns which."""
+        return [recorder for recorder, heard_at in list(self._heard_at.items())
+                if now > heard_at + timeout and self._drop(recorder)]
+
+    def _drop(self, recorder: str) -> bool:
+        known = self._reached.pop(recorder, None) is not None
+        self._heard_at.pop(recorder, None)
+        self._update()
+        return known
+
+    def hold(self) -> None:
+        """Stay until every recorder has the present sample: an endpoint may be new."""
+        self._since = max(0, self._clock.tick)
+        self._update()
+
+    def let_go(self) -> None:
+        """Wait no longer for what a recorder lacks: it will not come."""
+        self._since = 0
+        self._update()
+
+    def _update(self) -> None:
+        if self._lockstep:
+            self.limit = step_limit(self._reached.values(), self._since)
+
+    @property
+    def may_step(self) -> bool:
+        """Whether the plant may leave the present state."""
+        return self._clock.tick < self.limit
+
+    @property
+    def have_last(self) -> bool:
+        """Whether every recorder has the present sample."""
+        return not self._lockstep or all(
+            one >= self._clock.tick for one in self._reached.values())

@@ -1,0 +1,83 @@
+"""What a bag lacks of its run, whoever recorded it: found in its messages."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from impulse_control_ros.core.protocol import FOREIGN
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.run_choice import OneRun
+from impulse_control_ros.files.run_parameters import Change
+from impulse_control_ros.files.series import Messages
+
+
+def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
+    """Return in plain sentences what a run with these ``changes`` of parameters lacks."""
+    if not len(run.series.states.rows):
+        return []
+    return [*of_others(run), *of_states(run, changes), *of_commands(run, changes),
+            *of_parameters(run, changes)]
+
+
+def of_others(run: OneRun) -> Iterator[str]:
+    """Say what was left out."""
+    for name, count in run.others.items():
+        yield f'{name} is left out ({count} messages)'
+
+
+def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
+    """Say where states of one of our plants are missing: theirs are one every time step."""
+    states = run.series.states.rows
+    if not run.source.run:
+        return
+    if not states['is_reset'][0]:
+        yield (f'it begins in mid-run, at {states["stamp"][0] / SECOND:.9f} s, where the '
+               'controller may have been at work for long')
+    step = next(filter(None, (change.values.get('time_step') for change in changes)), 0.0)
+    if isinstance(step, float) and step * SECOND >= 1.0:
+        steps = np.rint(np.diff(states['stamp']) / (step * SECOND))
+        if missing := int(np.maximum(steps - 1, 0).sum()):
+            yield f'{missing} states are missing'
+
+
+def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
+    """Say which states have no command, but for the last one, and which commands no event."""
+    states, commands, impulses = run.series
+    plant = next((change for change in changes if change.is_plant), None)
+    if not len(commands.rows):
+        yield 'there are no commands'
+    elif run.source.run and plant and plant.values.get('lockstep'):
+        answered = is_in(states.stamps[:-1], commands.stamps)
+        if missing := int(np.count_nonzero(~answered)):
+            yield f'{missing} states have no command'
+    fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
+    if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
+        yield f'{missing} commands name a guard whose event is missing'
+
+
+def of_parameters(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
+    """Say whose parameters are missing."""
+    if run.source.run and not any(change.is_plant for change in changes):
+        yield 'the parameters of the plant are missing'
+    known = {change.node_id for change in changes if not change.is_plant}
+    for name in authors(run.series.commands):
+        if name == FOREIGN and run.source.run:
+            yield 'the parameters of a foreign controller are missing'
+        elif name == FOREIGN and not known:
+            yield 'the parameters of the controller are missing'
+        elif name != FOREIGN and name not in known:
+            yield f'the parameters of {name} are missing'
+
+
+def authors(commands: Messages) -> list[str]:
+    """Return the authors of commands."""
+    numbers = np.unique(commands.origin).tolist()
+    return sorted({commands.origins[number].node_id for number in numbers})
+
+
+def is_in(stamps: np.ndarray, among: np.ndarray) -> Any:
+    """Return which of ``stamps`` are ``among`` others; both in order."""
+    if np.array_equal(among[:len(stamps)], stamps):
+        return np.ones(len(stamps), bool)
+    return np.append(among, 0)[np.searchsorted(among, stamps)] == stamps

@@ -1,0 +1,78 @@
+"""
+rcl_interfaces/ParameterEvent as CDR bytes, for run_parameters: written without ROS.
+
+An event has all parameters of its node as ``new_parameters``, and those that have just been
+changed as ``changed_parameters`` too. The stamp is that of the state that they first act with.
+"""
+
+from collections.abc import Callable, Mapping
+import struct
+from typing import Any
+
+from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR
+
+TYPE = 'rcl_interfaces/msg/ParameterEvent'
+# field of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
+FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+          9: 'string_array_value'}
+_TYPES = {bool: 1, int: 2, float: 3, str: 4, tuple: 9, list: 9}
+_HEAD = len(LITTLE_ENDIAN_CDR)
+
+
+class _Writer:
+    """CDR in the making; alignment counts from behind the encapsulation."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(LITTLE_ENDIAN_CDR)
+
+    def put(self, code: str, value: float) -> None:
+        size = struct.calcsize('<' + code)
+        self.data += bytes((_HEAD - len(self.data)) % size) + struct.pack('<' + code, value)
+
+    def put_string(self, text: str) -> None:
+        data = text.encode() + b'\x00'
+        self.put('I', len(data))
+        self.data += data
+
+    def put_parameter(self, name: str, value: Any) -> None:
+        kind = _TYPES[type(value)]
+        self.put_string(name)
+        self.put('B', kind)
+        self.put('?', value if kind == 1 else False)
+        self.put('q', value if kind == 2 else 0)
+        self.put('d', value if kind == 3 else 0.0)
+        self.put_string(value if kind == 4 else '')
+        for _ in ('byte', 'bool', 'integer', 'double'):
+            self.put('I', 0)
+        items = value if kind == 9 else ()
+        self.put('I', len(items))
+        for item in items:
+            self.put_string(item)
+
+
+def encode_parameter_event(sec: int, nanosec: int, node: str, parameters: Mapping[str, Any],
+                           changed: Mapping[str, Any]) -> bytes:
+    """Return the event of ``node`` with all its ``parameters``, of which some are ``changed``."""
+    writer = _Writer()
+    writer.put('i', sec)
+    writer.put('I', nanosec)
+    writer.put_string(node)
+    for values in (parameters, changed, {}):
+        writer.put('I', len(values))
+        for name, value in values.items():
+            writer.put_parameter(name, value)
+    return bytes(writer.data)
+
+
+def decode_parameter_event(raw: bytes, decode: Callable[[bytes], Any]
+                           ) -> tuple[int, int, str, dict[str, Any], dict[str, Any]]:
+    """
+    Return (sec, nanosec, node, parameters, changed) of an event.
+
+    ``decode`` turns the bytes into an object with the message's fields: rclpy's, or mcap's.
+    """
+    event = decode(raw)
+    parameters, changed = ({one.name: getattr(one.value, FIELDS[one.value.type])
+                            for one in values if one.value.type in FIELDS}
+                           for values in (event.new_parameters, event.changed_parameters))
+    return event.stamp.sec, event.stamp.nanosec, event.node, parameters, changed

@@ -1,0 +1,34 @@
+"""Parameters of a command line without ROS, by the rules that ``-p`` of ROS takes."""
+
+import re
+
+import yaml
+
+from impulse_control_ros.core.parameter import declared, ParameterError
+from impulse_control_ros.files.experiment import Given, NODES, parsed
+
+_RULE = re.compile(r'(?:(\w+):)?([\w.]+):=(.+)', re.DOTALL)
+
+
+def given_by(rule: str) -> list[Given]:
+    """
+    Return what a rule [NODE:]NAME:=VALUE gives; without a node, to all nodes that have it.
+
+    Raises `ParameterError` for anything else, and for what no node has.
+    """
+    found = _RULE.fullmatch(rule)
+    try:
+        value = parsed(found[3]) if found else None
+    except yaml.YAMLError:
+        found = None
+    if found is None:
+        raise ParameterError(f'-p {rule} is refused: allowed is [NODE:]NAME:=VALUE')
+    node, name = found[1], found[2]
+    if node not in (None, *NODES):
+        raise ParameterError(f'-p {rule}: node {node!r} is refused: allowed is '
+                             f'{", ".join(NODES)}')
+    meant = [node] if node else [one for one, kind in NODES.items()
+                                 if name in [known for known, _, _ in declared(kind)]]
+    if not meant:
+        raise ParameterError(f'-p {rule} is refused: no node has a parameter {name}')
+    return [(f'/{node or "**"}', one, {name: value}) for one in meant]

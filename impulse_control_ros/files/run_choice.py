@@ -1,0 +1,193 @@
+"""
+Of all messages of a bag, those of one run, each sample once.
+
+A bag may hold several: of a plant that was restarted, of two plants, of a foreign plant whose
+time went back. Of several commands for one state the one counts whose author the next state
+names, or the last one itself, else the first one; the events are those of these commands.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from impulse_control_ros.core.protocol import StateHeader
+from impulse_control_ros.files.series import Messages, Origin
+
+LATE = 10  # states before the one ahead of them in a row: time went back; fewer came late
+
+
+class Source(NamedTuple):
+    """Whose states: those of a ``run``, or of a foreign plant, '', in a ``namespace``."""
+
+    run: str
+    namespace: str
+    joint: str
+
+    @property
+    def name(self) -> str:
+        """The name to choose it by."""
+        return self.run or self.namespace
+
+
+NO_SOURCE = Source('', '/', '')
+
+
+class Series(NamedTuple):
+    """The series of a bag, or of one run."""
+
+    states: Messages
+    commands: Messages
+    impulses: Messages
+
+
+class OneRun(NamedTuple):
+    """
+    The ``series`` of one run in order, and the commands ``withdrawn`` that answer no state.
+
+    ``source`` is whose they are; ``others`` tells what was left out, and of how many messages.
+    ``span`` are the times [ns] from which on, and before which, it was sent.
+    """
+
+    series: Series
+    withdrawn: Messages
+    source: Source
+    others: Counter[str]
+    span: tuple[int, int]
+
+
+def choose(states: Messages, joint: str, run: str | None, name: str) -> Source | None:
+    """
+    Return whose states to take, None where there are none: most of all states are theirs.
+
+    ``run`` is that of the bag, None for any; ``name`` that of a source, '' for any; of a foreign
+    plant the ``joint``. Raises ValueError for a wrong name, or for too many foreign plants.
+    """
+    counts = Counter[Source]()
+    for origin, count in zip(states.origins, np.bincount(
+            states.origin, minlength=len(states.origins)).tolist(), strict=True):
+        source = source_of(origin)
+        if count and (source.run or source.joint == joint):
+            counts[source] += count
+    found = [source for source in counts if source.name == name or (
+        not name and run in (None, source.run))]
+    if name and not found:
+        raise ValueError(f'run {name} is not in it; its runs: {named(counts)}')
+    found = [source for source in found if source.run] or found
+    if len(found) > 1 and not found[0].run:
+        raise ValueError(f'joint {joint!r} has states in the namespaces {named(found)}: '
+                         'choose one with --run')
+    return max(found, key=lambda source: counts[source], default=None)
+
+
+def named(sources: Iterable[Source]) -> str:
+    """Return the names of sources."""
+    return ', '.join(dict.fromkeys(source.name for source in sources)) or 'none'
+
+
+def source_of(origin: Origin) -> Source:
+    """Return whose states have an ``origin``."""
+    return Source(origin.header.run, origin.namespace, origin.joint)
+
+
+def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
+    """Return the messages of a ``source``; in a bag of our recorder (``is_ours``) time goes on."""
+    states = every.states.of(lambda origin: source_of(origin) == source)
+    parts = [states, *(of_source(messages, source) for messages in every[1:])]
+    others = sum((counted(messages, source) for messages in every), Counter[str]())
+    span = spanned(states, every.states, source, is_ours)
+    if not source.run:
+        whole = parts
+        parts = [part.where((part.sent >= span[0]) & (part.sent < span[1])) for part in whole]
+        others['another part of it, in which time goes back,'] += sum(
+            len(all_of.rows) - len(part.rows) for all_of, part in zip(whole, parts, strict=True))
+    states = parts[0].in_order()
+    commands, impulses = (part.where(part.stamps > 0) for part in parts[1:])
+    commands = counting(commands, states)
+    series = Series(states, commands, of_commands(impulses, commands))
+    return OneRun(series, parts[1].where(parts[1].stamps == 0), source, +others, span)
+
+
+def of_source(messages: Messages, source: Source) -> Messages:
+    """Return the commands or events that may answer the states of a ``source``."""
+    if source.run:
+        return messages.of(lambda origin: origin.joint == source.joint and (
+            origin.header.run in (source.run, '')))
+    messages = messages.of(lambda one: one.joint == source.joint and not one.header.run)
+    # a controller may be in another namespace than its plant, where there is none in this one
+    near = messages.of(lambda origin: origin.namespace == source.namespace)
+    return near if len(near.rows) else messages
+
+
+def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) -> tuple[int, int]:
+    """
+    Return the times [ns] from which on, and before which, a run was recorded.
+
+    That of a foreign plant is the longest part in which its time does not go back. That of ours
+    ends with the states of another one.
+    """
+    first, last = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+    if is_ours or not len(states.rows):
+        return first, last
+    if source.run:
+        later = every.sent[every.sent > states.sent.max()]
+        return first, int(later.min(initial=last))
+    order = np.argsort(states.sent, kind='stable')
+    stamps, sent = states.stamps[order], states.sent[order]
+    starts = [0, *(at for at in (np.flatnonzero(np.diff(stamps) < 0) + 1).tolist()
+                   if len(stamps) - at >= LATE and (stamps[at:at + LATE] < stamps[at - 1]).all())]
+    longest = int(np.argmax(np.diff([*starts, len(stamps)])))
+    ends = [first, *sent[starts[1:]].tolist(), last]
+    return ends[longest], ends[longest + 1]
+
+
+def counted(messages: Messages, source: Source) -> Counter[str]:
+    """Return the number of messages of other runs than ``source``."""
+    counts = Counter[str]()
+    for origin, count in zip(messages.origins, np.bincount(
+            messages.origin, minlength=len(messages.origins)).tolist(), strict=True):
+        if origin.header.run and origin.header.run != source.run:
+            counts[f'run {origin.header.run}'] += count
+        elif not origin.header.run and source.run and isinstance(origin.header, StateHeader):
+            counts['a foreign plant'] += count
+    return counts
+
+
+def counting(commands: Messages, states: Messages) -> Messages:
+    """Return the commands that count, one a stamp: most often they are all there are."""
+    run = states.origins[states.origin[0]].header.run if len(states.rows) else ''
+    # what does not say that it is for our run, and the plant has not taken, may be for another
+    is_strange = commands.told(lambda origin: origin.header.run != run) > 0
+    if not run or not (is_strange.any() or (np.diff(commands.stamps) <= 0).any()):
+        return commands.in_order()
+    numbers = numbers_of(commands, states)
+    author, controller = (messages.told(lambda origin: numbers[origin.node_id])
+                          for messages in (commands, states))
+    after = np.searchsorted(states.stamps, commands.stamps, 'right')
+    is_named = author == controller[np.minimum(after, len(controller) - 1)]
+    keep = is_named | ~is_strange
+    return commands.where(keep).in_order(is_named[keep])
+
+
+def of_commands(impulses: Messages, commands: Messages) -> Messages:
+    """Return the events, one a stamp, that are not of another author than the command."""
+    numbers = numbers_of(impulses, commands)
+    author = impulses.told(lambda origin: numbers[origin.node_id])
+    counts = np.append(commands.told(lambda origin: numbers[origin.node_id]), -1)
+    at = np.searchsorted(commands.stamps, impulses.stamps)
+    answers = np.append(commands.stamps, 0)[at] == impulses.stamps
+    return impulses.where(~answers | (counts[at] == author)).in_order()
+
+
+def numbers_of(*series: Messages) -> dict[str, int]:
+    """Return a number for each controller."""
+    names = {origin.node_id for messages in series for origin in messages.origins}
+    return {name: number for number, name in enumerate(sorted(names))}
+
+
+def placed(states: Messages, sent: np.ndarray) -> np.ndarray:
+    """Return the stamp of the state that was sent last before each time ``sent`` [ns], or 0."""
+    order = np.argsort(states.sent, kind='stable')
+    stamps = np.append(0, states.stamps[order])
+    return stamps[np.searchsorted(states.sent[order], sent, 'right')]

@@ -1,0 +1,136 @@
+"""
+The messages of a run from its samples, in the order and to the bytes that our nodes publish.
+
+They are made in bulk: rows of bytes for each layout that occurs, and each row put at its place.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from impulse_control_ros.core.impulse import GUARDS, NO_IMPULSE
+from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.cdr import (
+    COMMANDED,
+    encode_float64,
+    FIELDS,
+    JointStateLayout,
+    WITHOUT_VELOCITY,
+)
+from impulse_control_ros.files.mcap_chunk import Block, ROOM
+from impulse_control_ros.files.topics import (
+    DAMPING,
+    IMPULSE_EVENTS,
+    JOINT_COMMANDS,
+    JOINT_STATES,
+)
+
+ORDER = (JOINT_STATES, IMPULSE_EVENTS, JOINT_COMMANDS, DAMPING)  # of the messages of a sample
+STATES, EVENTS, COMMANDS, DAMPINGS = range(4)
+FLOAT64_AT = [(4, '<f8')]
+
+
+class Rows(NamedTuple):
+    """Messages of one layout on one topic of ``ORDER``, for ``which`` samples of a block."""
+
+    topic: int
+    which: np.ndarray
+    content: np.ndarray
+
+
+class RowLayout(JointStateLayout):
+    """A layout that writes many messages at once."""
+
+    def encode_rows(self, *values: np.ndarray) -> np.ndarray:
+        """Do `encode` for n messages: shape (n, ROOM + size), each behind `ROOM` free bytes."""
+        return filled(self._message, self._at, values)
+
+
+def filled(message: bytes | bytearray, places: Sequence[tuple[int, str]],
+           values: Sequence[np.ndarray]) -> np.ndarray:
+    """Return n times `ROOM` free bytes and the ``message``, with ``values`` at their places."""
+    rows = np.empty((len(values[0]), ROOM + len(message)), np.uint8)
+    rows[:, ROOM:] = np.frombuffer(message, np.uint8)
+    for (at, code), value in zip(places, values, strict=True):
+        size = np.dtype(code).itemsize
+        rows[:, ROOM + at:ROOM + at + size].view(code)[:, 0] = value
+    return rows
+
+
+def placed(rows: Sequence[Rows], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the bytes of the messages of ``count`` samples in order, and where each begins.
+
+    The latter has shape (count, topics), and so have the sizes, 0 for no message.
+    """
+    size = np.zeros((count, len(ORDER)), np.int64)
+    for topic, which, content in rows:
+        size[which, topic] = content.shape[1]
+    end = size.cumsum().reshape(size.shape)
+    start = end - size
+    made = np.empty(end[-1, -1], np.uint8)
+    for topic, which, content in rows:
+        places = sliding_window_view(made, content.shape[1], writeable=True)
+        places[start[which, topic]] = content
+    return made, start, size
+
+
+class RunMessages:
+    """
+    The messages of a run that one controller answers from its first state on.
+
+    ``header`` is that of its states behind the first. ``channels`` are those of the topics;
+    damping, if it is among them, has a message every ``damping_every`` samples, 0 for none.
+    """
+
+    def __init__(self, header: StateHeader, joint: str, channels: Mapping[str, int],
+                 start_ns: int, step_ns: int, damping_every: int) -> None:
+        self._channels = np.array([channels.get(topic, 0) for topic in ORDER])
+        self._start_ns, self._step_ns = start_ns, step_ns
+        self._damping_every = damping_every if DAMPING in channels else 0
+        unanswered = header._replace(controller='')
+        self._states = {
+            (is_first, is_bare): RowLayout(joint, one.frame_id, fields)
+            for is_first, one in ((True, unanswered), (False, header))
+            for is_bare, fields in ((True, WITHOUT_VELOCITY), (False, FIELDS))}
+        frame_ids = [CommandHeader(*header, guard).frame_id for guard in GUARDS]
+        self._events = [RowLayout(joint, frame_id) for frame_id in frame_ids]
+        self._commands = [RowLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
+
+    def block(self, states: np.ndarray, answers: np.ndarray) -> Block:
+        """Return the messages of samples: states as measured, dtype STATE, and their ANSWERs."""
+        stamp = self._start_ns + states['tick'] * self._step_ns
+        time = np.divmod(stamp, SECOND)
+        rows = [*self._state_rows(states, time), *self._answer_rows(states, answers, time),
+                *self._damping_rows(states)]
+        content, start, size = placed(rows, len(stamp))
+        sample, topic = np.nonzero(size)
+        return Block(content, start[sample, topic], self._channels[topic], stamp[sample])
+
+    def _state_rows(self, states: np.ndarray, time: tuple[Any, Any]) -> Iterator[Rows]:
+        first, bare = states['tick'] == 0, np.isnan(states['velocity'])
+        for (is_first, is_bare), layout in self._states.items():
+            which = np.flatnonzero((first == is_first) & (bare == is_bare))
+            values = *time, *(states[name] for name in layout.fields)
+            yield Rows(STATES, which, layout.encode_rows(*(one[which] for one in values)))
+
+    def _answer_rows(self, states: np.ndarray, answers: np.ndarray, time: tuple[Any, Any]
+                     ) -> Iterator[Rows]:
+        values = (*time, answers['effort'], states['position'], answers['velocity'],
+                  answers['area'])
+        for guard in np.unique(answers['guard']):
+            which = np.flatnonzero(answers['guard'] == guard)
+            sec, nanosec, effort, *impulse = (one[which] for one in values)
+            yield Rows(COMMANDS, which, self._commands[guard].encode_rows(sec, nanosec, effort))
+            if guard != NO_IMPULSE:
+                yield Rows(EVENTS, which, self._events[guard].encode_rows(sec, nanosec, *impulse))
+
+    def _damping_rows(self, states: np.ndarray) -> Iterator[Rows]:
+        if self._damping_every:
+            due = (states['tick'] % self._damping_every == 0) & (states['tick'] > 0)
+            which = np.flatnonzero(due)
+            yield Rows(DAMPINGS, which, filled(
+                encode_float64(0.0), FLOAT64_AT, [states['damping'][which]]))

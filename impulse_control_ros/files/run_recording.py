@@ -1,0 +1,86 @@
+"""The recording of one run: its join, and its bag from the first sample on."""
+
+from collections.abc import Callable, Sequence
+from time import monotonic
+
+from impulse_control_ros.core.protocol import RUN_TIMEOUT
+from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
+from impulse_control_ros.files.sample_joiner import Plant, SampleJoiner
+
+GIVE_UP = 1.0  # s after which what an author has not sent again will not come
+LONGEST_LOOK = 0.1  # s between two looks; a process that was stopped longer heard nobody
+
+
+class RunRecording:
+    """
+    The recording of the run of ``plant``, into the bag that ``make_bag`` makes.
+
+    ``bag`` is None before the first state and command are there; ``described`` returns the
+    topics from a number on.
+    """
+
+    def __init__(self, plant: Plant, make_bag: Callable[[], BagWriter],
+                 described: Callable[[int], Sequence[Topic]]) -> None:
+        self.joiner = SampleJoiner(plant)
+        self.bag: BagWriter | None = None
+        self._make_bag, self._described = make_bag, described
+        self._topics = 0
+        self._began_at = self._wrote_at = 0.0
+        self._looked_at = monotonic()
+        self._heard = self._reached = 0
+        self._quiet = self._stuck = 0.0
+
+    def write(self, everything: bool = False) -> None:
+        """Move what is whole into the bag."""
+        joiner = self.joiner
+        if not joiner.begun:
+            joiner.forget_early_states()
+            return
+        if self.bag is None:
+            self.bag = self._make_bag()
+            self._began_at = monotonic()
+        entries = joiner.take(everything)
+        if not entries:
+            return
+        self._wrote_at = monotonic()
+        if self._topics == 0 or max(channel for _, channel, _ in entries) > self._topics:
+            self._add_topics()
+        self.bag.write(entries)
+
+    def _add_topics(self) -> None:
+        assert self.bag
+        topics = self._described(self._topics)
+        if not self._topics:
+            describe_run(self.bag, self.joiner.plant.run, topics)
+        for topic in topics:
+            self.bag.add_topic(topic)
+        self._topics += len(topics)
+
+    def look(self) -> None:
+        """Count the time without a word of the run, and without another whole sample."""
+        joiner, now = self.joiner, monotonic()
+        elapsed, self._looked_at = min(now - self._looked_at, LONGEST_LOOK), now
+        if joiner.heard != self._heard:
+            self._heard, self._quiet, joiner.other = joiner.heard, 0.0, None
+        if joiner.reached != self._reached:
+            self._reached, self._stuck = joiner.reached, 0.0
+        self._quiet += elapsed
+        self._stuck += elapsed
+        if self._stuck > GIVE_UP:
+            joiner.give_up()
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether the run's plant has left, as far as its states tell."""
+        return self._quiet > RUN_TIMEOUT
+
+    def finish(self) -> str:
+        """Finish the bag with all that is there; returns what is in it, '' without a bag."""
+        self.write(everything=True)
+        if self.bag is None:
+            return ''
+        counts = {name: str(value) for name, value in self.joiner.counts.items()
+                  if name != 'states'}
+        self.bag.close({**counts, 'wall_seconds': f'{self._wrote_at - self._began_at:.6f}'})
+        return (f'{self.bag.folder}: {self.bag.count} messages written, {counts["missing"]} '
+                f'missing, {counts["repeated"]} repeats dropped')

@@ -1,0 +1,307 @@
+"""
+The join of a recording: one run's messages of several topics, sample by sample.
+
+A sample is whole once its state, the command that answers it, and the event that this command
+announces are there. It is handed out once the next state is there too: of several commands for
+one stamp the one counts whose author the next state names. Within a sample the order is: its
+parameters, the state, the event, the command, and what has no stamp of its own, as ``damping``,
+which stands behind the state that was published last before it.
+
+What a sample lacks is waited for until its author has sent something later, or until `give_up`;
+then it is missing. What comes again is repeated. Both are counted, as is what another run or a
+foreign peer sends (core/protocol.py): the former is left out, the latter kept.
+"""
+
+from bisect import bisect
+from collections import deque
+from collections.abc import Iterator
+import struct
+from typing import NamedTuple
+
+from impulse_control_ros.core.protocol import (
+    CommandHeader,
+    FOREIGN,
+    parse_command,
+    parse_state,
+    StateHeader,
+    WINDOW,
+)
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.cdr import read_header, string
+
+STATES, EVENTS, COMMANDS, PARAMETERS = range(1, 5)  # channels, as files/topics.py orders them
+KEPT = 100_000
+Entry = tuple[int, int, bytes]  # stamp [ns], channel, message
+TEXT_AT = 12  # the frame_id, behind encapsulation and stamp
+NONE = b'\xff' * 4  # begins no frame_id
+read_stamp = struct.Struct('<II').unpack_from
+
+
+class Plant(NamedTuple):
+    """The plant of a run: ``run`` is '' of a foreign one, ``lockstep`` that it waits."""
+
+    run: str
+    joint: str
+    step_ns: int
+    lockstep: bool
+
+
+class Answer(NamedTuple):
+    """A command or an event that waits for its state."""
+
+    author: str
+    guard: str
+    raw: bytes
+
+
+class AnswerQueue:
+    """The commands, or the events, of a run that wait for their states."""
+
+    def __init__(self, run: str) -> None:
+        self._run = run
+        self._waiting: dict[int, list[Answer]] = {}
+        self._latest: dict[str, int] = {}  # stamp by author
+        self._sender: tuple[bytes, CommandHeader] = NONE, CommandHeader()  # of the one before
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add(self, raw: bytes, done: int) -> tuple[str, int]:
+        """
+        Take a message, where states up to the stamp ``done`` are handed out.
+
+        Returns why it is not kept, '' where it is, and its stamp or that of the one before.
+        """
+        text, sender = self._sender
+        if not raw.startswith(text, TEXT_AT):
+            text = string(read_header(raw)[1].decode(errors='replace'))
+            sender = parse_command(text[4:-1].decode())
+            self._sender = text, sender
+        author = sender.author
+        if sender.run != self._run and author != FOREIGN:
+            return 'foreign', 0
+        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
+        stamp = sec * SECOND + nanosec
+        if not stamp:
+            return 'unstamped', self._latest.get(author, done)
+        found = self._waiting.get(stamp)
+        if stamp <= done or (found and any(one.author == author for one in found)):
+            return 'repeated', stamp
+        answer = Answer(author, sender.guard, raw)
+        if found is None:
+            self._waiting[stamp] = [answer]
+        else:
+            found.append(answer)
+        if stamp > self._latest.get(author, 0):
+            self._latest[author] = stamp
+        return '', stamp
+
+    def find(self, stamp: int, author: str) -> tuple[Answer | None, bool]:
+        """
+        Return the answer of an author, '' for any, to the state of ``stamp``.
+
+        Where there is none, also whether there is a later one of that author.
+        """
+        for one in self._waiting.get(stamp, ()):
+            if author in ('', one.author):
+                return one, False
+        return None, any(latest > stamp for who, latest in self._latest.items()
+                         if author in ('', who))
+
+    def give_up(self, stamp: int, author: str) -> None:
+        """Expect nothing more from an author for the state of ``stamp``."""
+        self._latest[author] = stamp + 1
+
+    def pop(self, stamp: int) -> int:
+        """Drop the answers up to a stamp; returns how many were for it."""
+        count = len(self._waiting.pop(stamp, ()))
+        if self._waiting and next(iter(self._waiting)) < stamp:  # their states are missing
+            for early in [one for one in self._waiting if one < stamp]:
+                del self._waiting[early]
+        return count
+
+
+class UnstampedQueue:
+    """The messages without a stamp of their own, and when the states were published."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, int, bytes]] = []  # time [ns], channel, message
+        self._times: list[int] = []
+        self._stamps: list[int] = []
+
+    def add_state(self, time: int, stamp: int) -> None:
+        """Note the publish time [ns] of a state."""
+        self._times.append(time)
+        self._stamps.append(stamp)
+
+    def add(self, time: int, channel: int, raw: bytes) -> None:
+        """Take a message that was published at ``time`` [ns]."""
+        self._waiting.append((time, channel, raw))
+
+    def placed(self, everything: bool) -> list[Entry]:
+        """Return what stands before a later state, or ``everything``, with its place."""
+        times, stamps = self._times, self._stamps
+        if len(times) > 2 * KEPT:
+            del times[:-KEPT], stamps[:-KEPT]
+        waiting, self._waiting = self._waiting, []
+        found = []
+        for time, channel, raw in waiting:
+            if times and (everything or time < times[-1]):
+                found.append((stamps[max(0, bisect(times, time) - 1)], channel, raw))
+            else:
+                self._waiting.append((time, channel, raw))
+        return found
+
+
+class SampleJoiner:
+    """
+    The join of the run of ``plant``.
+
+    ``newest`` is the stamp [ns] of the newest state, and ``reached`` that of the last whole
+    sample; ``heard`` counts its states with those that come again. ``other`` is another run that
+    was heard, None for none. ``counts`` has the states handed out, and what is missing, repeated
+    and foreign.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self.newest = self.reached = self.heard = 0
+        self.other: str | None = None
+        self.counts = {'states': 0, 'missing': 0, 'repeated': 0, 'foreign': 0}
+        self._header: tuple[bytes, StateHeader] = NONE, StateHeader()  # of the state before
+        self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
+        self._answers = {COMMANDS: AnswerQueue(plant.run), EVENTS: AnswerQueue(plant.run)}
+        self._unstamped = UnstampedQueue()
+        self._loose: list[Entry] = []  # belongs to a state, and is no answer to it
+        self._done = 0  # stamp of the last state handed out
+        self._answered = False  # whether a state with its command was
+
+    # -- what comes in ------------------------------------------------------------------
+
+    def add(self, channel: int, raw: bytes, time: int) -> None:
+        """Take a message that was published at ``time`` [ns]."""
+        if channel == STATES:
+            self._add_state(raw, time)
+        elif channel in self._answers:
+            why_not, stamp = self._answers[channel].add(raw, self._done)
+            if why_not == 'unstamped':  # it answers no state: behind the last one that does
+                self._loose.append((stamp, channel, raw))
+            elif why_not:
+                self.counts[why_not] += 1
+        elif channel != PARAMETERS:
+            self._unstamped.add(time, channel, raw)
+        elif (entry := (read_header(raw)[0], channel, raw)) not in self._loose:
+            self._loose.append(entry)
+
+    def _add_state(self, raw: bytes, time: int) -> None:
+        text, header = self._header
+        if not raw.startswith(text, TEXT_AT):
+            text = string(read_header(raw)[1].decode(errors='replace'))
+            header = parse_state(text[4:-1].decode())
+            self._header = text, header
+        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
+        stamp, run = sec * SECOND + nanosec, self.plant.run
+        ours = header.run == run and (run or string(self.plant.joint) in raw)
+        if ours and stamp > self.newest:
+            self.heard += 1
+            self.newest = stamp
+            self._states.append((stamp, header.controller, raw))
+            self._unstamped.add_state(time, stamp)
+        elif ours and (run or stamp == self.newest):
+            self.heard += 1
+            self.counts['repeated'] += 1
+        else:  # of a foreign plant whose time goes back it may be another run
+            self.counts['foreign'] += 1
+            if header.run or string(self.plant.joint) in raw:
+                self.other = header.run
+            if not header.run:
+                self._loose.append((self.newest, STATES, raw))
+
+    @property
+    def begun(self) -> bool:
+        """Whether there are both a state and a command."""
+        return bool(self._done or (self._states and self._answers[COMMANDS]))
+
+    @property
+    def in_flight(self) -> bool:
+        """Whether more than the answer to the newest state is on its way."""
+        return self.newest > self.reached + self.plant.step_ns
+
+    def forget_early_states(self) -> None:
+        """Keep the newest states of a plant that runs without a controller: it may do so long."""
+        while len(self._states) > WINDOW:
+            self._states.popleft()
+
+    # -- what goes out ------------------------------------------------------------------
+
+    def take(self, everything: bool = False) -> list[Entry]:
+        """Return in order what is complete, or ``everything`` that is there."""
+        entries: list[Entry] = []
+        states = self._states
+        self._loose += self._unstamped.placed(everything)
+        while states:
+            stamp, _, raw = states[0]
+            follows = len(states) > 1
+            command, event, waits = self._sample(stamp, states[1][1] if follows else '')
+            if waits and not everything:
+                break
+            self.reached = max(self.reached, stamp)
+            if not (follows or everything):
+                break
+            states.popleft()
+            if self._loose:
+                entries += self._loose_until(stamp, PARAMETERS)
+            entries.append((stamp, STATES, raw))
+            if event:
+                entries.append((stamp, EVENTS, event.raw))
+            if command:
+                entries.append((stamp, COMMANDS, command.raw))
+            if self._loose:
+                entries += self._loose_until(stamp)
+            self._account(stamp, command, event, follows)
+        if everything:
+            entries += self._loose_until(2**63)
+        return entries
+
+    def _sample(self, stamp: int, named: str) -> tuple[Answer | None, Answer | None, bool]:
+        """Return command and event of a state, and whether one of them is to be waited for."""
+        command, is_lost = self._answers[COMMANDS].find(stamp, named)
+        if command is None:
+            needed = self.plant.lockstep or named not in ('', FOREIGN) or self._answered
+            return None, None, needed and not is_lost
+        if not command.guard:
+            return command, None, False
+        event, is_lost = self._answers[EVENTS].find(stamp, command.author)
+        return command, event, event is None and not is_lost
+
+    def give_up(self) -> None:
+        """Wait no longer for what the first sample lacks, if there is a later one."""
+        if len(self._states) > 1:
+            stamp, named = self._states[0][0], self._states[1][1]
+            command, _, _ = self._sample(stamp, named)
+            self._answers[EVENTS if command else COMMANDS].give_up(
+                stamp, command.author if command else named)
+
+    def _account(self, stamp: int, command: Answer | None, event: Answer | None, follows: bool
+                 ) -> None:
+        """Count a sample, and what it lacks or has twice."""
+        counts, step = self.counts, self.plant.step_ns
+        counts['states'] += 1
+        if self._done and stamp != self._done + step:
+            counts['missing'] += max(0, (stamp - self._done) // step - 1)
+        if command is None:
+            # the last one of all may be left unanswered, and those before the first answer
+            counts['missing'] += follows and self._answered
+        else:
+            self._answered = True
+            counts['missing'] += bool(command.guard) and event is None
+        self._done = stamp
+        for answers in self._answers.values():
+            counts['repeated'] += max(0, answers.pop(stamp) - 1)
+
+    def _loose_until(self, stamp: int, channel: int = 0) -> Iterator[Entry]:
+        """Yield what belongs to samples up to ``stamp``, of one ``channel`` or of all."""
+        due = [one for one in self._loose if one[0] <= stamp and channel in (0, one[1])]
+        if due:
+            self._loose = [one for one in self._loose if one not in due]
+        return iter(sorted(due, key=lambda one: one[0]))

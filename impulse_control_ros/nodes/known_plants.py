@@ -1,0 +1,69 @@
+"""The plants that a controller has heard the parameters of, and what it thinks of them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.serialization import deserialize_message
+
+from impulse_control_ros.core.design import Finding, findings, Level
+from impulse_control_ros.core.protocol import name_of, parse_node
+from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
+from impulse_control_ros.files.parameter_event import decode_parameter_event
+
+MOST = 10
+NAME = ''  # key of the plant's full name among its parameters
+
+
+def decoded(raw: bytes) -> tuple[Any, ...]:
+    """Return (sec, nanosec, node, parameters, changed) of an event on run_parameters."""
+    return decode_parameter_event(raw, lambda event: deserialize_message(event, ParameterEvent))
+
+
+class KnownPlants:
+    """The parameters of plants of ours by run; of a foreign plant they are empty."""
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._values: dict[str, dict[str, Any]] = {}
+        self._said: list[Finding] = []
+
+    def on_event(self, raw: bytes) -> None:
+        """Take an event on run_parameters, as CDR."""
+        *_, node, values, _ = decoded(raw)
+        run, name = parse_node(node)
+        if run and name == name_of(name):  # a controller has an id
+            self._values.pop(run, None)
+            self._values[run] = {**values, NAME: name}
+            if len(self._values) > MOST:
+                del self._values[next(iter(self._values))]
+
+    def __contains__(self, run: str) -> bool:
+        return run in self._values
+
+    def run_freely(self, run: str | None) -> bool:
+        """Tell whether the plant of a run does not wait for commands."""
+        return not self._values.get(run or '', {}).get('lockstep', False)
+
+    def adopt(self, run: str, gains: ControllerParameters) -> None:
+        """Say which plant was found; raises `ParameterError` where the two do not fit."""
+        values = self._values.get(run, {})
+        name = values.get(NAME, 'a foreign plant, whose joint and time_step are taken to be ours')
+        require_agreement(name, values, gains.flat())
+        self._logger.info(f'found {name}')
+        self.advise(run, gains)
+
+    def advise(self, run: str | None, gains: ControllerParameters) -> None:
+        """Say what is unwise about ``gains`` for the plant of a run, each finding once."""
+        values: Mapping[str, Any] = self._values.get(run or '', {})
+        before, self._said = self._said, findings(gains, axis_of(values))
+        for finding in self._said:
+            if finding in before:
+                continue
+            # rclpy takes one severity for each call
+            if finding.level is Level.NOTE:
+                self._logger.info(finding.text)
+            elif finding.level is Level.WARNING:
+                self._logger.warning(finding.text)
+            else:
+                self._logger.error(finding.text)

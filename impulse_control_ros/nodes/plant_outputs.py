@@ -1,0 +1,72 @@
+"""What a plant sends: its states, the clock, the damping and its parameters."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from impulse_control_ros.core.protocol import NodeHeader, StateHeader
+from impulse_control_ros.files.cdr import encode_float64, encode_time, WITHOUT_VELOCITY
+from impulse_control_ros.files.experiment import PlantParameters
+from impulse_control_ros.files.parameter_event import encode_parameter_event
+from impulse_control_ros.files.topics import CLOCK, DAMPING, JOINT_STATES, RUN_PARAMETERS
+from impulse_control_ros.nodes.joint_state_io import verified_layout
+from impulse_control_ros.nodes.topics import Output, SERIES_QOS
+
+
+class PlantOutputs:
+    """The outputs of the plant ``node`` for ``joint``."""
+
+    def __init__(self, node: Node, joint: str) -> None:
+        self.parameters = Output(node, ParameterEvent, RUN_PARAMETERS)
+        self.states = Output(node, JointState, JOINT_STATES)
+        self.clock = Output(node, Clock, CLOCK, SERIES_QOS)
+        self.damping = Output(node, Float64, DAMPING)
+        self._name = node.get_fully_qualified_name()
+        self._joint = joint
+        self._header: StateHeader | None = None
+        self._clock_every = self._damping_every = 0
+
+    def change(self, parameters: PlantParameters) -> None:
+        """Publish clock and damping at other rates."""
+        self._clock_every = samples_between(parameters.clock_rate, parameters.time_step)
+        varies = parameters.damping.kind != 'constant'
+        self._damping_every = varies * samples_between(
+            parameters.damping_rate, parameters.time_step)
+
+    def tell_parameters(self, run: str, stamp: tuple[int, int], parameters: Mapping[str, Any],
+                        changed: Mapping[str, Any]) -> None:
+        """Publish the parameters that act from the state of this stamp on."""
+        node = NodeHeader(run, self._name).frame_id
+        self.parameters.send(encode_parameter_event(*stamp, node, parameters, changed))
+
+    def send_state(self, header: StateHeader, stamp: tuple[int, int], position: float,
+                   velocity: float, effort: float) -> None:
+        """Publish a state; a velocity of nan is not measured, and left empty."""
+        if header is not self._header:
+            self._header = header
+            self._layout, self._layout_without_velocity = (
+                verified_layout(self._joint, header.frame_id, *fields)
+                for fields in ((), (WITHOUT_VELOCITY,)))
+        if math.isnan(velocity):
+            raw = self._layout_without_velocity.encode(*stamp, position, effort)
+        else:
+            raw = self._layout.encode(*stamp, position, velocity, effort)
+        self.states.send(raw)
+
+    def send_beside(self, tick: int, stamp: tuple[int, int], damping: float) -> None:
+        """Publish clock and damping [N s/m], where they are due beside the state at ``tick``."""
+        if self._clock_every and tick % self._clock_every == 0:
+            self.clock.send(encode_time(*stamp))
+        if self._damping_every and tick % self._damping_every == 0 and tick:
+            self.damping.send(encode_float64(damping))
+
+
+def samples_between(rate: float, time_step: float) -> int:
+    """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
+    return max(1, round(1.0 / (rate * time_step))) if rate else 0

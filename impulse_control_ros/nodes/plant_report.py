@@ -1,0 +1,104 @@
+"""What a plant says of its run: on /diagnostics, and in the log."""
+
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from impulse_control_ros.nodes.diagnostics import Diagnostics
+
+FIRST_REPORT, REPORT = 2.0, 20.0  # s
+SETTLE = 2.0  # s after which a run that is too slow is one
+
+
+class PlantReport:
+    """The reports of ``plant``, a `PlantSimulator`."""
+
+    def __init__(self, plant: Any) -> None:
+        self._plant = plant
+        self._began = self._moving_since = monotonic()
+        self._waiting_since = 0.0
+        self._waiting, self._said_at = '', 0.0
+        self._accepted_before = self._rejected = 0
+        self._known: set[str] = set()
+        Diagnostics(plant, self._progress, self._report)
+
+    def begin(self, now: float) -> None:
+        """Note the first state."""
+        self._began = self._moving_since = now
+        self._plant.get_logger().info(
+            f'running from {self._plant.clock.seconds()} s (run {self._plant.run})')
+
+    def waiting_for(self, what: str, now: float) -> None:
+        """Say now and then who is missing."""
+        if what != self._waiting:
+            self._waiting, self._said_at = what, now - REPORT + FIRST_REPORT
+        elif now >= self._said_at + REPORT:
+            self._said_at = now
+            self._plant.get_logger().info(f'waiting for {what}')
+
+    def reject(self, what: str, is_normal: bool = False) -> None:
+        """
+        Count a command that is none.
+
+        It ``is_normal`` of foreign hardware, which sends nan while no controller is active.
+        """
+        self._rejected += 1
+        logger = self._plant.get_logger()
+        if is_normal:
+            logger.info(f'ignoring commands {what}', once=True)
+        else:
+            logger.error(f'rejected a command {what}', throttle_duration_sec=5.0)
+
+    def summarize(self, what: str) -> None:
+        """Say how the run went."""
+        plant, wall = self._plant, monotonic() - self._began
+        simulated = plant.clock.elapsed
+        counts = ', '.join(f'{value} {name}' for name, value in (
+            {'steps': plant.clock.tick} | self._counts
+            | {'missed deadlines': plant.pacer.missed}).items())
+        plant.get_logger().info(
+            f'{what} at {plant.clock.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
+            f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
+
+    @property
+    def _counts(self) -> dict[str, int]:
+        """The commands by what became of them, and the states that none has answered."""
+        counts = self._plant.arbiter.counts
+        return counts | {'rejected': self._rejected,
+                         'lost': max(0, self._plant.clock.tick - counts['accepted'])}
+
+    def _progress(self) -> tuple[int, float]:
+        return self._plant.clock.tick, self._plant.clock.elapsed
+
+    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
+        plant, arbiter = self._plant, self._plant.arbiter
+        troubles = self._troubles(rate)
+        for name in troubles.keys() - self._known:
+            plant.get_logger().warning(troubles[name])
+        self._known = set(troubles)
+        held = [name for name, holds in (
+            ('a command', arbiter.awaiting), ('resume', plant.control.paused),
+            ('a recorder', not plant.recorders.may_step)) if holds]
+        message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
+        level = DiagnosticStatus.OK if rate and not troubles else DiagnosticStatus.WARN
+        return level, '; '.join((message, *troubles.values())), {
+            'run': plant.run, 'controller': arbiter.header.controller,
+            'recorders': len(plant.recorders), 'missed_deadlines': plant.pacer.missed,
+            **plant.pacer.report(), **self._counts}
+
+    def _troubles(self, rate: float) -> dict[str, str]:
+        """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
+        plant, now = self._plant, monotonic()
+        if plant.control.paused or not rate:
+            self._moving_since = now
+        factor = rate * plant.parameters.time_step
+        accepted, self._accepted_before = self._accepted_before, plant.arbiter.counts['accepted']
+        wanted = plant.parameters.real_time_factor
+        free = not plant.parameters.lockstep
+        return {name: text for name, is_so, text in (
+            ('unheard', free and rate > 0 and self._accepted_before == accepted,
+             f'no command for a second at {plant.clock.seconds()} s: '
+             f'{plant.arbiter.effort:g} N is held'),
+            ('slow', 0.0 < factor < 0.9 * wanted and now > self._moving_since + SETTLE,
+             f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}

@@ -1,0 +1,58 @@
+"""The breadth-first search of all that can happen within a bound, and of what follows fairly."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from test.core.protocol_model import World
+from test.core.protocol_moves import is_fed, moves
+from test.core.protocol_recorder import Violation
+
+PATIENCE = 200  # moves of a fair schedule within which the plant steps
+
+
+class Found(NamedTuple):
+    """What a search has seen; ``broken`` is the rule that does not hold, '' for none."""
+
+    worlds: int
+    broken: str = ''
+    trace: tuple[str, ...] = ()
+
+
+def search(starts: Iterable[World], last_tick: int) -> Found:
+    """Search all worlds up to ``last_tick``, shortest first, until a rule is broken."""
+    parents: dict[World, World | None] = dict.fromkeys(starts)
+    queue = deque(parents)
+    steps: set[World] = set()  # a fair schedule lets the plant step from here
+    while queue:
+        world = queue.popleft()
+        try:
+            for _, after in moves(world):
+                if after not in parents and after.plant.tick <= last_tick:
+                    parents[after] = world
+                    queue.append(after)
+            require_progress(world, steps)
+        except Violation as broken:
+            return Found(len(parents), str(broken), tuple(trace(world, parents)))
+    return Found(len(parents))
+
+
+def require_progress(world: World, steps: set[World]) -> None:
+    """Follow the fair schedule until the plant steps, if plant and a controller live."""
+    path, at = [], world
+    while at.plant.tick == world.plant.tick and at not in steps and is_fed(at):
+        path.append(at)
+        at = next(moves(at))[1]
+        if len(path) > PATIENCE:
+            raise Violation('the plant steps whenever it and a controller live')
+    steps.update(path)
+
+
+def trace(world: World, parents: dict[World, World | None]) -> list[str]:
+    """Return what happened up to a world."""
+    before = parents[world]
+    if before is None:
+        return [f'start with {world.bound}']
+    what = next(what for what, after in moves(before) if after == world)
+    cost = ' with a fault' * (world.bound.faults < before.bound.faults)
+    return [*trace(before, parents), f'{what}{cost}']
