@@ -13,9 +13,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.publisher import Publisher
 
+from impulse_control_ros.nodes.transport import prefer_udp
 from test.processes import Graph, wait_for
 
 ASK_AGAIN = 2.0
+prefer_udp(rclpy.get_rmw_implementation_identifier())  # as the nodes do
 
 
 class Client:

@@ -1,7 +1,6 @@
 """Fixtures: a ROS domain with processes, a node that talks to them, and two recorded runs."""
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
 
 from hypothesis import HealthCheck, settings
@@ -12,7 +11,6 @@ from test.processes import BIN, busy_loops, CONFIG, Graph, Process, ROOT, wait_f
 
 __all__ = ['BIN', 'CONFIG', 'ROOT', 'Client', 'Graph', 'Process', 'busy_loops', 'wait_for']
 
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 settings.register_profile('quick', derandomize=True, max_examples=40, deadline=None)
 settings.register_profile('thorough', max_examples=2000, deadline=None,
                           suppress_health_check=[HealthCheck.too_slow])
@@ -43,19 +41,18 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Return a folder with two bags of real runs.
 
     ``underdamped`` is of closed_loop; ``left`` of three processes in the namespace /left, with
-    varying damping and all topics, slow enough for a report of each node.
+    varying damping and all topics.
     """
     folder = tmp_path_factory.mktemp('recorded')
     graph = Graph(folder)
     try:
-        composed = graph.start('closed_loop', config=CONFIG / 'underdamped.yaml', **{
-            'recorder:bag': folder / 'underdamped', 'plant_simulator:duration': 0.5})
+        composed = graph.start('closed_loop', config=CONFIG / 'underdamped.yaml',
+                               **{'recorder:bag': folder / 'underdamped'})
         plant, controller, recorder = (
             graph.start(name, '--ros-args', '-r', '__ns:=/left',
                         config=CONFIG / 'time_varying.yaml', **parameters)
             for name, parameters in (
-                ('plant_simulator', {'wait_for_recorder': True, 'duration': 0.5,
-                                     'real_time_factor': 0.2}), ('controller', {}),
+                ('plant_simulator', {'wait_for_recorder': True}), ('controller', {}),
                 ('recorder', {'bag': folder / 'left', 'topics': [
                     'setpoint', 'damping', 'recorder_progress', '/clock', '/diagnostics']})))
         for process in (composed, plant):

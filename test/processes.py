@@ -16,6 +16,8 @@ import time
 
 import pytest
 
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+ENVIRONMENT = dict(os.environ)  # of the processes; rclpy here may add to ours
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 BIN = Path(sys.executable).parent
@@ -141,7 +143,7 @@ class Graph:
     def __init__(self, folder: Path) -> None:
         self.domain, self._claim = free_domain()
         self.folder = folder
-        self.environment: Mapping[str, str] = os.environ
+        self.environment: Mapping[str, str] = ENVIRONMENT
         self._processes: list[Process] = []
 
     @property

@@ -8,6 +8,15 @@ from impulse_control_ros.files.experiment import sections
 NODE_OF_RULE = re.compile(r'(\w+):[^:=]+:=')
 
 
+def unused_overrides(arguments: Sequence[str], names: Sequence[str]) -> Iterator[str]:
+    """Yield what to say of the parameters that miss the nodes of full ``names``."""
+    for source, keys in override_keys(arguments):
+        missed = missed_by(keys, names)
+        if missed:
+            yield (f'{source}: {", ".join(keys)} is the name of none of {", ".join(missed)}; '
+                   'in a file, /**/NAME is a node in any namespace')
+
+
 def override_keys(arguments: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
     """Yield the sources of parameters on a command line, and the nodes that they name."""
     for flag, value in zip(arguments, arguments[1:], strict=False):

@@ -7,7 +7,9 @@ from impulse_control_ros.core.protocol import RUN_TIMEOUT
 from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
 from impulse_control_ros.files.sample_joiner import Plant, SampleJoiner
 
-GIVE_UP = 1.0  # s after which what an author has not sent again will not come
+# s after which what is waited for will not come: DDS sends it again within 3 s, if its author
+# lives; one that another has replaced is dead, or will be too late
+GIVE_UP, GIVE_UP_REPLACED = 5.0, 1.0
 LONGEST_LOOK = 0.1  # s between two looks; a process that was stopped longer heard nobody
 
 
@@ -62,11 +64,11 @@ class RunRecording:
         elapsed, self._looked_at = min(now - self._looked_at, LONGEST_LOOK), now
         if joiner.heard != self._heard:
             self._heard, self._quiet, joiner.other = joiner.heard, 0.0, None
-        if joiner.reached != self._reached:
+        if joiner.reached != self._reached or not joiner.is_blocked:
             self._reached, self._stuck = joiner.reached, 0.0
         self._quiet += elapsed
         self._stuck += elapsed
-        if self._stuck > GIVE_UP:
+        if self._stuck > (GIVE_UP_REPLACED if joiner.is_replaced else GIVE_UP):
             joiner.give_up()
 
     @property

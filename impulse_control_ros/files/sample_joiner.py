@@ -112,6 +112,10 @@ class AnswerQueue:
         """Expect nothing more from an author for the state of ``stamp``."""
         self._latest[author] = stamp + 1
 
+    def is_replaced(self, author: str) -> bool:
+        """Tell whether the latest answer is not of this author."""
+        return max(self._latest, key=lambda one: self._latest[one], default=author) != author
+
     def pop(self, stamp: int) -> int:
         """Drop the answers up to a stamp; returns how many were for it."""
         count = len(self._waiting.pop(stamp, ()))
@@ -227,6 +231,16 @@ class SampleJoiner:
         """Whether more than the answer to the newest state is on its way."""
         return self.newest > self.reached + self.plant.step_ns
 
+    @property
+    def is_blocked(self) -> bool:
+        """Whether a sample is waited for that another one follows."""
+        return len(self._states) > 1
+
+    @property
+    def is_replaced(self) -> bool:
+        """Whether the author that is waited for is no longer the active one."""
+        return self.is_blocked and self._answers[COMMANDS].is_replaced(self._states[1][1])
+
     def forget_early_states(self) -> None:
         """Keep the newest states of a plant that runs without a controller: it may do so long."""
         while len(self._states) > WINDOW:
@@ -276,7 +290,7 @@ class SampleJoiner:
 
     def give_up(self) -> None:
         """Wait no longer for what the first sample lacks, if there is a later one."""
-        if len(self._states) > 1:
+        if self.is_blocked:
             stamp, named = self._states[0][0], self._states[1][1]
             command, _, _ = self._sample(stamp, named)
             self._answers[EVENTS if command else COMMANDS].give_up(

@@ -20,12 +20,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from impulse_control_ros.core import protocol
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.impulse import NO_IMPULSE
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.protocol import Answered, name_of, Reply, StateHeader
+from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
+from impulse_control_ros.core.state_arbiter import StateArbiter
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES, RUN_PARAMETERS, SETPOINT
@@ -47,20 +47,18 @@ class Controller(ManagedNode):
 
     def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('controller', ControllerParameters, **options)
-        self.id = protocol.new_id(self.get_fully_qualified_name())
+        self.id = new_id(self.get_fully_qualified_name())
         self.plants = KnownPlants(self.get_logger())
         self.answers = Answers(self, self.id, self.parameters.joint_name)
         self._law = SampledController(self.parameters)
         self._reader = JointStateReader(
-            self.parameters.joint_name, protocol.parse_state, ('position',), ('velocity',))
-        self._last, self._heard_at = Answered(), -INF
-        self._stamp = self._due = 0  # of the last state, and of the next one in lockstep
-        self._own_header: StateHeader | None = None
+            self.parameters.joint_name, parse_state, ('position',), ('velocity',))
         self._seen = b''
         self._active_other = ''
         self._untold: dict[str, Any] | None = None
         self._counts = dict.fromkeys(COUNTS, 0)
-        self._rate = StateRate(nanoseconds(self.parameters.time_step, 'time_step'))
+        step_ns = nanoseconds(self.parameters.time_step, 'time_step')
+        self._states, self._rate = StateArbiter(self.id, step_ns), StateRate(step_ns)
         self._timeout = StateTimeout()
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         if not composed:
@@ -84,15 +82,13 @@ class Controller(ManagedNode):
             if not (-INF < position < INF and -INF < velocity < INF):
                 self._require_measured(position, velocity)
             stamp = sec * SECOND + nanosec
-            if header is self._own_header and stamp == self._due:
-                self._heard_at = monotonic()
-            elif not self._is_to_answer(header, stamp, raw):
+            if not self._states.follows(header, stamp, monotonic()) and (
+                    not self._is_to_answer(header, stamp, raw)):
                 return
         except UnreadableError as error:
             self._counts['rejected'] += 1
             self.get_logger().error(f'rejected a state {error}', throttle_duration_sec=5.0)
             return
-        self._stamp, self._due = stamp, stamp + self._rate.step_ns
         if self._untold is not None:
             self.answers.tell_parameters(sec, nanosec, self.parameters.flat(), self._untold)
             self._untold = None
@@ -113,47 +109,29 @@ class Controller(ManagedNode):
 
     def _is_to_answer(self, header: StateHeader, stamp: int, raw: bytes) -> bool:
         """Tell whether to answer a state anew; a repeated one is answered here."""
-        reply = self._judge(header, stamp, raw)
+        if header.run and header.run not in self.plants:
+            return False  # it comes again, once the plant's parameters are here
+        if not header.run and not stamp:
+            raise UnreadableError('without a stamp')
+        before, last = self._states.run, self._states.stamp
+        lockstep = not self.plants.run_freely(header.run)
+        reply = self._states.judge(header, stamp, lockstep, monotonic())
+        if not header.run:
+            if reply is Reply.REPEAT and raw != self._seen:
+                raise UnreadableError(f'with the stamp of the one before, {seconds(stamp)} s')
+            self._seen = raw
+        if self._states.run != before:
+            try:
+                self.plants.adopt(header.run, self.parameters)
+            except ParameterError as error:
+                self.fail(error)
+                return False
         if reply is Reply.ANSWER_AFRESH:
+            self._rate.begin(stamp, self.answers.sent, last)
             self._begin(header, stamp)
         elif reply is not Reply.ANSWER:
             self._pass_over(reply, header)
-            return False
-        # the next state that names us takes the short way
-        freely = self.plants.run_freely(header.run)
-        self._own_header = header if header.controller == self.id and not freely else None
-        return True
-
-    def _judge(self, header: StateHeader, stamp: int, raw: bytes) -> Reply | None:
-        """Decide by the protocol; None for a plant whose parameters are yet to come."""
-        run, now = self._last.run, monotonic()
-        quiet, last = now - self._heard_at, self._last._replace(stamp=self._stamp)
-        if header.run:
-            if header.run not in self.plants:
-                return None
-            step = 0 if self.plants.run_freely(header.run) else self._rate.step_ns
-            last, reply = protocol.judge_state(self.id, last, header, stamp, step, quiet)
-        else:
-            last, reply = protocol.judge_foreign_state(last, stamp, quiet)
-            if not stamp or (reply is Reply.REPEAT and raw != self._seen):
-                raise UnreadableError(
-                    f'with the stamp {seconds(stamp)} s: '
-                    + ('that is none' if not stamp else 'so has the one before'))
-            self._seen = raw
-        if last.run == header.run:
-            self._heard_at = now
-        if reply is Reply.ANSWER_AFRESH:
-            self._rate.begin(stamp, self.answers.sent, self._stamp)
-        if last.run != run:
-            self._adopt(last)
-        self._last, self._stamp = last, last.stamp
-        return reply if not self.finished else None
-
-    def _adopt(self, last: Answered) -> None:
-        try:
-            self.plants.adopt(last.run or '', self.parameters)
-        except ParameterError as error:
-            self.fail(error)
+        return reply in (Reply.ANSWER, Reply.ANSWER_AFRESH)
 
     def _begin(self, header: StateHeader, stamp: int) -> None:
         """Answer with an empty memory from this state on."""
@@ -165,7 +143,7 @@ class Controller(ManagedNode):
                                    f'controller, {name_of(self._active_other)} is silent')
             self._active_other = ''
 
-    def _pass_over(self, reply: Reply | None, header: StateHeader) -> None:
+    def _pass_over(self, reply: Reply, header: StateHeader) -> None:
         """Do what a state asks for that is not answered anew."""
         if reply is Reply.REPEAT:
             self._counts['repeated'] += 1
@@ -197,9 +175,9 @@ class Controller(ManagedNode):
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Let the next sample be answered with the new gains."""
         self._law.change(self.parameters)
-        if self._untold != {} and self._last.run is not None:
+        if self._untold != {} and self._states.run is not None:
             self._untold = {**(self._untold or {}), **changed}
-        self.plants.advise(self._last.run, self.parameters)
+        self.plants.advise(self._states.run, self.parameters)
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
@@ -209,12 +187,12 @@ class Controller(ManagedNode):
 
     def activated(self) -> None:
         """Answer from now on, as at a start."""
-        self._stamp = self._due = 0
+        self._states.forget()
         self._timeout.forget()
 
     def deactivated(self) -> None:
         """Leave no effort behind."""
-        if self._stamp and self.plants.run_freely(self._last.run):
+        if self._states.stamp and self.plants.run_freely(self._states.run):
             self._command_zero()
 
     def _command_zero(self) -> None:
@@ -224,7 +202,7 @@ class Controller(ManagedNode):
     def poll(self) -> float:
         """Command 0 N where states stay away from a plant that does not wait."""
         timeout = self.parameters.state_timeout
-        if not (timeout and self.active and self.plants.run_freely(self._last.run)):
+        if not (timeout and self.active and self.plants.run_freely(self._states.run)):
             return IDLE
         was_deserted = self._timeout.deserted
         if self._timeout.is_due(self.answers.sent, monotonic(), timeout):
@@ -239,21 +217,22 @@ class Controller(ManagedNode):
         return self.answers.sent, self.answers.sent * self.parameters.time_step
 
     def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        wrong = self._rate.wrong(self._stamp, self.answers.sent)
+        wrong = self._rate.wrong(self._states.stamp, self.answers.sent)
         if wrong:
             self.get_logger().error(wrong, throttle_duration_sec=20.0)
-        if self._last.run == '' and self.count_publishers(JOINT_COMMANDS) > 1:
+        if self._states.run == '' and self.count_publishers(JOINT_COMMANDS) > 1:
             self.get_logger().warning(f'several controllers publish {JOINT_COMMANDS} for a plant '
                                       'that takes all of them', throttle_duration_sec=20.0)
         counts = self._counts
         level = (DiagnosticStatus.ERROR if counts['withheld'] or self._timeout.deserted or wrong
                  else DiagnosticStatus.WARN if counts['rejected'] else DiagnosticStatus.OK)
         return level, wrong or (
-            'not active' if not self.active else 'answering' if rate
-            else f'standing by for {name_of(self._active_other)}' if self._active_other
-            else 'waiting for states'), {
+            'not active' if not self.active else 'answering' if rate else
+            f'standing by for {name_of(self._active_other)}' if self._active_other else
+            'waiting for states'), {
             'answered': self.answers.sent, 'impulses': self.answers.impulses, **counts,
-            'lost': self._rate.lost(self._stamp, self.answers.sent), 'x_r': self.parameters.x_r}
+            'lost': self._rate.lost(self._states.stamp, self.answers.sent),
+            'x_r': self.parameters.x_r}
 
     def close(self) -> None:
         """Leave no effort behind, and wait until what was sent has arrived."""

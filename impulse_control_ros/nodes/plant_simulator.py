@@ -246,7 +246,8 @@ class PlantSimulator(ParameterNode):
         """Wait until what was sent has arrived."""
         if not self.finished and self.clock.tick >= 0:
             self._report.summarize('stopped')
-        for output in (self.outputs.states, self.outputs.clock):
+        outputs = self.outputs
+        for output in (outputs.states, outputs.clock, outputs.damping, outputs.parameters):
             output.publisher.wait_for_all_acked(Duration(seconds=1))
 
 

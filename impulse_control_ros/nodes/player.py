@@ -27,6 +27,7 @@ from impulse_control_ros.core.parameter import parameter, Parameters, refusal
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.columns import BagError, Column, columns
+from impulse_control_ros.files.experiment import cpu_core_parameter
 from impulse_control_ros.files.recording import storage_file
 from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -46,6 +47,7 @@ class PlayerParameters(Parameters):
     loop: bool = parameter(False, '', 'whether it begins again at the end')
     clock_rate: float = parameter(
         100.0, 'Hz', 'messages on /clock per wall second; 0 for none', lower=0.0, upper=10_000.0)
+    cpu_core: int = cpu_core_parameter()
 
 
 class Player(ParameterNode):

@@ -32,8 +32,8 @@ class RecordedTopics:
         self._wanted = {node.resolve_topic_name(topic) for topic in wanted}
         for topic, kind in SERIES.items():
             self._add(topic, kind, outputs.get(topic, ()), writer_qos(topic))
-        if DAMPING in outputs and node.resolve_topic_name(DAMPING) in self._wanted:
-            self._add(DAMPING, FLOAT64, outputs[DAMPING], writer_qos(DAMPING))
+        if node.resolve_topic_name(DAMPING) in self._wanted:  # no need to wait for its plant
+            self._add(DAMPING, FLOAT64, outputs.get(DAMPING, ()), writer_qos(DAMPING))
         self._in_process = len(self._kinds) if outputs else 0
 
     def _add(self, topic: str, kind: str, outputs: Sequence[Output], qos: QoSProfile

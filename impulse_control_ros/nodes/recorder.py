@@ -39,7 +39,7 @@ from impulse_control_ros.stop import StopRequest
 
 BATCH, BATCH_PERIOD = 250, 0.02
 WATCH_PERIOD = 0.5
-FLIGHT = 2.0  # s for what is on its way at the end
+FLIGHT = 6.0  # s for what is on its way at the end; more than files/run_recording.py waits
 MOST_RUNS = 10
 
 

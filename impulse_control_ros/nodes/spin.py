@@ -21,8 +21,9 @@ from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.files.parameter_overrides import missed_by, override_keys
+from impulse_control_ros.files.parameter_overrides import unused_overrides
 from impulse_control_ros.nodes.joint_state_io import MiddlewareError
+from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
 from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1
@@ -95,7 +96,7 @@ def main(stop: StopRequest, prog: str, description: str,
          add_options: Callable[[argparse.ArgumentParser], None] | None = None,
          between: Callable[[], bool] | None = None) -> int:
     """
-    Be the whole of an executable; returns the exit status.
+    Run the nodes of an executable; returns the exit status.
 
     ``makers`` returns from the parsed options what makes the nodes; ``example`` is a parameter for
     the help. 0: done; 2: bad arguments or parameters, said in one line; 1: anything else.
@@ -103,10 +104,16 @@ def main(stop: StopRequest, prog: str, description: str,
     nodes: list[Any] = []
     try:
         options = parse(prog, description, example, add_options)
+        prefer_udp(rclpy.get_rmw_implementation_identifier())
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         for make in makers(options):
             nodes.append(make())
-        report_unused_overrides(nodes)
+        place_on_core(nodes[0].parameters.cpu_core)
+        names = [node.get_fully_qualified_name() for node in nodes]
+        for what in unused_overrides(sys.argv, names):
+            if len(nodes) > 1:
+                raise ParameterError(what)
+            nodes[0].get_logger().warning(what)  # a file may be for other nodes only
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
     except (ParameterError, BagError, MiddlewareError, _rclpy.RCLError) as error:
@@ -124,25 +131,6 @@ def main(stop: StopRequest, prog: str, description: str,
     if failure:
         return leave(nodes, f'{prog}: {failure}', 2 if isinstance(failure, ParameterError) else 1)
     return leave(nodes, '', 0)
-
-
-def report_unused_overrides(nodes: Sequence[Any]) -> None:
-    """
-    Name the parameters on the command line that miss the nodes here: ROS passes them over.
-
-    Composed nodes refuse them with `ParameterError`; a node alone warns, for a file may be for
-    others only.
-    """
-    names = [node.get_fully_qualified_name() for node in nodes]
-    for source, keys in override_keys(sys.argv):
-        missed = missed_by(keys, names)
-        if not missed:
-            continue
-        what = (f'{source}: {", ".join(keys)} is the name of none of {", ".join(missed)}; '
-                'in a file, /**/NAME is a node in any namespace')
-        if len(nodes) > 1:
-            raise ParameterError(what)
-        nodes[0].get_logger().warning(what)
 
 
 def leave(nodes: Sequence[Any], message: str, status: int) -> int:

@@ -19,7 +19,9 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.protocol import parse_command, parse_node, parse_state
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.parameter_event import FIELDS as VALUES
 from impulse_control_ros.files.recording import read
 from test.conftest import BIN
 
@@ -163,15 +165,25 @@ def rows_of(decoded):
         name = topic.rsplit('/', 1)[-1]
         if name in ('joint_states', 'joint_commands', 'impulse_events'):
             assert list(message.name) == ['axis']
-            rows[name].append(bits((nanoseconds(message), message.header.frame_id,
-                                    *message.position, *message.velocity, *message.effort)))
+            parse = parse_state if name == 'joint_states' else parse_command
+            header = parse(message.header.frame_id)
+            rows[name].append(bits((
+                nanoseconds(message.header.stamp), header.run, getattr(header, 'guard', ''),
+                *message.position, *message.velocity, *message.effort)))
+            rows['controllers'].append(header[2])
         elif name == 'damping':
             rows[name].append(bits((message.data,)))
+        elif name == 'run_parameters':
+            values = {one.name: getattr(one.value, VALUES[one.value.type])
+                      for one in message.new_parameters}
+            rows[name].append((nanoseconds(message.stamp), *parse_node(message.node), {
+                key: value if isinstance(value, str) or np.ndim(value) == 0 else list(value)
+                for key, value in values.items()}))
     return rows
 
 
-def nanoseconds(message):
-    return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+def nanoseconds(stamp):
+    return stamp.sec * SECOND + stamp.nanosec
 
 
 def bits(row):
@@ -180,17 +192,25 @@ def bits(row):
 
 def assert_same_bits(rows, bag):
     run = read(bag)
-    assert len(run.states) == len(run.commands) == 20_001
+    assert len(run.states) == len(run.commands) > 1000
+    assert run.lacks == []
     assert rows['joint_states'] == [
-        bits((row['stamp'], 'reset' if row['marked'] else '', row['position'], row['velocity'],
-              row['effort'])) for row in run.states]
+        bits((row['stamp'], run.run, '', row['position'], row['velocity'], row['effort']))
+        for row in run.states]
     fired = {row['stamp']: GUARDS[row['guard']] for row in run.impulses}
     assert rows['joint_commands'] == [
-        bits((row['stamp'], fired.get(row['stamp'], ''), row['effort'])) for row in run.commands]
+        bits((row['stamp'], run.run, fired.get(row['stamp'], ''), row['effort']))
+        for row in run.commands]
     assert rows['impulse_events'] == [
-        bits((row['stamp'], GUARDS[row['guard']], row['position'], row['velocity'], row['area']))
-        for row in run.impulses]
+        bits((row['stamp'], run.run, GUARDS[row['guard']], row['position'], row['velocity'],
+              row['area'])) for row in run.impulses]
     assert rows['damping'] == [bits((row['damping'],)) for row in run.damping]
+    assert rows['run_parameters'] == [
+        (change.stamp, run.run, change.node_id, change.values) for change in run.history]
+    plant, controller = run.history
+    assert (plant.is_plant, controller.is_plant) == (True, False)
+    assert rows['controllers'].count('') == 1  # in the first state
+    assert {*rows['controllers']} == {'', controller.node_id}
 
 
 def test_rosbags_and_read_agree_on_every_message_to_the_bit(bag):
@@ -209,16 +229,20 @@ def test_mcap_ros2_support_and_read_agree_on_every_message_to_the_bit(bag, path)
 
 
 def test_the_publish_time_of_a_message_is_its_stamp(bag, path):
-    damping = []
+    damping, told = [], []
     with path.open('rb') as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages():
             assert message.publish_time <= message.log_time
             if schema.name == 'sensor_msgs/msg/JointState':
-                assert message.publish_time == nanoseconds(decoded)
+                assert message.publish_time == nanoseconds(decoded.header.stamp)
+            elif channel.topic.endswith('/run_parameters'):
+                told.append((message.publish_time, nanoseconds(decoded.stamp)))
             elif channel.topic.endswith('/damping'):
                 damping.append(message.publish_time)
-    assert damping == list(read(bag).damping['stamp'])
+    run = read(bag)
+    assert damping == list(run.damping['stamp'])
+    assert told == [(change.stamp, change.stamp) for change in run.history]
 
 
 def test_mcap_and_rosbags_agree_on_every_message_of_every_topic(path, raw):

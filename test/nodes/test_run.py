@@ -1,93 +1,108 @@
 """Whole runs of real processes, compared bit by bit with the offline simulation."""
 
+from importlib.util import find_spec
 import itertools
-from pathlib import Path
+import re
 
-import numpy as np
 import pytest
 
-from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files.experiment import Experiment, read_experiment
-from impulse_control_ros.files.recording import read, Recording
-from test.conftest import busy_loops, CONFIG, Graph
+from impulse_control_ros.files.experiment import NODES as PARAMETERS, read_experiment
+from impulse_control_ros.files.recording import read
+from test.nodes.runs import (
+    assert_replays,
+    assert_simulated,
+    assert_whole,
+    composed,
+    messages,
+    NODES,
+    START,
+    STEP,
+    three_processes,
+    UNDERDAMPED,
+)
+from test.processes import busy_loops, CONFIG
 
-NODES = ('plant_simulator', 'controller', 'recorder')
-
-
-def assert_recording_is_the_simulation(bag: Path, config: Path) -> None:
-    experiment = read_experiment(config)
-    plant = experiment.plant_simulator
-    run = simulate(plant, experiment.controller, plant.duration)
-    recording = read(bag)
-    stamps = 1_000_000_000 + np.arange(len(run.time)) * 100_000
-    assert len(run.events) > 0 or not experiment.controller.impulses
-    assert np.array_equal(recording.states['stamp'], stamps)
-    assert np.array_equal(recording.commands['stamp'], stamps)
-    assert np.array_equal(recording.impulses['stamp'], stamps[run.events['tick']])
-    assert np.array_equal(recording.impulses['guard'], run.events['guard'])
-    for recorded, simulated in (
-            (recording.states['position'], run.measured_position),
-            (recording.states['velocity'], run.measured_velocity),
-            (recording.states['effort'][1:], run.applied),
-            (recording.commands['effort'], run.effort),
-            (recording.impulses['area'], run.events['area'])):
-        assert recorded.tobytes() == simulated.tobytes()
-    assert recording.receipt['missing'] == '0'
-    for name in NODES:
-        assert recorded_parameters(recording, name).items() >= set_parameters(experiment, name)
+TIME_VARYING = CONFIG / 'time_varying.yaml'
+ORDERS = list(itertools.permutations(NODES))
+DRAWN = re.compile(rb'run:[0-9a-f]{8}|#[0-9a-f]{4}')
 
 
-def recorded_parameters(recording: Recording, node: str) -> dict[str, object]:
-    return {name: str(value) for name, value in recording.parameters[f'/{node}'].items()}
-
-
-def set_parameters(experiment: Experiment, node: str) -> set[tuple[str, str]]:
-    values = getattr(experiment, node).flat()
-    return {(name, str(list(value) if isinstance(value, tuple) else value))
-            for name, value in values.items() if name != 'bag'}
-
-
-def run_three_processes(graph: Graph, order: tuple[str, ...], config: Path) -> Path:
+@pytest.mark.parametrize(('order', 'duration'), [
+    (ORDERS[0], 2.0), *((order, 0.05) for order in ORDERS[1:]),
+    *(pytest.param(order, 2.0, marks=pytest.mark.soak) for order in ORDERS[1:])], ids=str)
+def test_three_processes_in_any_order_are_the_simulation_to_the_last_bit(graph, order, duration):
     bag = graph.folder / 'bag'
-    started = {}
-    for name in order:
-        arguments = ('--ros-args', '-p', f'bag:={bag}') if name == 'recorder' else ()
-        started[name] = graph.start(name, *arguments, config=config)
-    assert started['plant_simulator'].wait() == 0
-    assert 'the run is over at 3.000000000 s' in started['plant_simulator'].output
-    assert started['recorder'].interrupt() == 0
-    assert '0 missing' in started['recorder'].output
-    assert started['controller'].interrupt() == 0
-    for process in started.values():
-        assert 'Traceback' not in process.output
-    return bag
-
-
-@pytest.mark.parametrize('order', list(itertools.permutations(NODES)), ids='-'.join)
-def test_three_processes_in_any_order_are_the_simulation_to_the_last_bit(graph, order):
-    config = CONFIG / 'underdamped.yaml'
-    assert_recording_is_the_simulation(run_three_processes(graph, order, config), config)
+    started = three_processes(graph, order, UNDERDAMPED, bag, duration=duration)
+    steps = round(duration / 1e-4)
+    totals = started['plant_simulator'].totals
+    assert totals['accepted'] == totals['steps'] + 1 == steps + 1
+    run = read(bag)
+    assert len(run.states) == len(run.commands) == steps + 1
+    assert_whole(run)
+    assert_simulated(run)
+    assert_replays(bag)
 
 
 def test_load_beside_the_three_processes_changes_no_bit(graph):
-    config = CONFIG / 'time_varying.yaml'
+    bag = graph.folder / 'bag'
     with busy_loops(2):
-        bag = run_three_processes(graph, NODES, config)
-    assert_recording_is_the_simulation(bag, config)
+        three_processes(graph, NODES, TIME_VARYING, bag, duration=0.2)
+    assert_whole(read(bag))
+    assert_simulated(read(bag), TIME_VARYING)
 
 
-@pytest.mark.parametrize('name', ['pd_only_lower', 'pd_only_upper', 'underdamped', 'time_varying',
-                                  'coulomb', 'encoder'])
+@pytest.mark.parametrize('name', ['pd_only_lower', 'pd_only_upper', 'coulomb', 'encoder'])
 def test_the_composed_process_is_the_simulation_to_the_last_bit(graph, name):
-    config, bag = CONFIG / f'{name}.yaml', graph.folder / 'bag'
-    process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={bag}',
-                          config=config)
+    config = CONFIG / f'{name}.yaml'
+    process = composed(graph, config, **{'plant_simulator:duration': 0.3,
+                                         'plant_simulator:real_time_factor': 0.0})
     assert process.wait() == 0, process.output
-    assert_recording_is_the_simulation(bag, config)
+    run = read(graph.folder / 'bag')
+    assert len(run.states) == len(run.commands) == 3001
+    assert_whole(run)
+    assert_simulated(run, config)
+    experiment = read_experiment(config)
+    assert bool(len(run.impulses)) == experiment.controller.impulses
+    for node in ('plant_simulator', 'controller'):
+        recorded = run.parameters[f'/{node}']
+        assert recorded.keys() == getattr(experiment, node).flat().keys()
+        assert PARAMETERS[node].__name__
+        assert {name: value for name, value in getattr(experiment, node).flat().items()
+                if recorded[name] != value}.keys() <= {'duration', 'wait_for_recorder'}
+
+
+def undrawn(bag):
+    """Return (topic, stamp, message) of a bag, without what is drawn at each start."""
+    return [(topic, stamp, DRAWN.sub(b'', raw)) for topic, _, stamp, raw in messages(bag)]
+
+
+def in_order(found):
+    """Return messages by their stamps: what has none of its own may have come late."""
+    return sorted(found, key=lambda one: (one[1], one[0] == '/damping'))
+
+
+def test_one_process_three_and_none_make_the_same_bag(graph):
+    """Also the damping stands behind the state that it was published after."""
+    bags = {name: graph.folder / name for name in ('one', 'three', 'none')}
+    process = composed(graph, TIME_VARYING, **{
+        'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.0,
+        'plant_simulator:wait_for_recorder': True, 'recorder:bag': bags['one']})
+    assert process.wait() == 0, process.output
+    three_processes(graph, NODES, TIME_VARYING, bags['three'], duration=0.2)
+    one = undrawn(bags['one'])
+    assert [stamp for topic, stamp, _ in one if topic == '/damping'] == [
+        START + k * STEP for k in range(10, 2001, 10)]
+    assert in_order(undrawn(bags['three'])) == one
+    if not find_spec('impulse_control_ros.tools.simulate'):
+        pytest.skip('there is no simulate')
+    simulated = graph.start('simulate', TIME_VARYING, bags['none'], '-p', 'duration:=0.2')
+    assert simulated.wait() == 0, simulated.output
+    assert undrawn(bags['none']) == one
 
 
 def test_the_composed_process_runs_without_a_recorder(graph):
-    process = graph.start('closed_loop', '--no-recorder', config=CONFIG / 'underdamped.yaml')
-    assert process.wait() == 0
-    assert process.output.count('the run is over') == 1
-    assert 'recording' not in process.output
+    process = graph.start('closed_loop', '--no-recorder', config=UNDERDAMPED,
+                          **{'plant_simulator:duration': 0.1})
+    assert process.wait() == 0, process.output
+    assert process.totals['steps'] == 1000
+    assert 'recorder' not in process.output

@@ -25,17 +25,17 @@ def export(tmp_path):
 def test_a_bag_becomes_a_parquet_file_that_pandas_reads(export, recorded, tmp_path):
     process = export(recorded / 'left', tmp_path / 'run.parquet')
     assert process.wait() == 0
-    assert process.output == f'export_bag: {tmp_path}/run.parquet has 20001 rows\n'
-    assert pd.read_parquet(tmp_path / 'run.parquet').equals(to_pandas(recorded / 'left'))
+    frame = to_pandas(recorded / 'left')
+    assert process.output == f'export_bag: {tmp_path}/run.parquet has {len(frame)} rows\n'
+    assert pd.read_parquet(tmp_path / 'run.parquet').equals(frame)
 
 
 def test_a_bag_becomes_a_csv_file_and_replaces_the_one_before(export, recorded, tmp_path):
     file = tmp_path / 'run.csv'
     for bag in ('left', 'underdamped'):
         assert export(recorded / bag, file).wait() == 0
-    frame = pd.read_csv(file)
-    assert len(frame) == 20_001
-    assert (frame['position'] == to_pandas(recorded / 'underdamped')['position']).all()
+    assert (pd.read_csv(file)['position'] == to_pandas(
+        recorded / 'underdamped')['position']).all()
 
 
 def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_path):
@@ -50,9 +50,10 @@ def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
     assert process.wait() == 0
     assert 'cut.mcap was cut off; ' in process.output
     frame = pd.read_parquet(tmp_path / 'run.parquet')
-    assert 5_000 < len(frame) < 20_000
+    all_of_it = to_pandas(recorded / 'left')
+    assert 0.2 * len(all_of_it) < len(frame) < len(all_of_it)
     assert frame.attrs['unread'] > 0
-    first, same = (one.head(len(frame) - 1) for one in (frame, to_pandas(recorded / 'left')))
+    first, same = (one.head(len(frame) - 1) for one in (frame, all_of_it))
     # damping is not of the series: what DDS delivers late stands later in the file
     assert first.equals(same.assign(damping=same['damping'].where(first['damping'].notna())))
 

@@ -1,11 +1,14 @@
 """``simulate``: the bag of an experiment, against messages that are encoded one by one."""
 
+import fcntl
 import json
 import math
 import os
 import pty
+import struct
 import subprocess
 import sys
+import termios
 
 from mcap.reader import make_reader
 import pytest
@@ -275,6 +278,7 @@ def test_no_ros_is_imported(tmp_path):
 
 def test_progress_is_drawn_on_a_terminal(tmp_path):
     ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
     process = subprocess.Popen(
         [BIN / 'simulate', CONFIG / 'underdamped.yaml', tmp_path / 'run', '-p', 'duration:=3.0'],
         stdout=subprocess.DEVNULL, stderr=theirs)

@@ -1,0 +1,56 @@
+"""Which states a controller answers: its part of core/protocol.py, with its timer."""
+
+import math
+
+from impulse_control_ros.core.protocol import (
+    Answered,
+    judge_foreign_state,
+    judge_state,
+    Reply,
+    StateHeader,
+)
+
+
+class StateArbiter:
+    """
+    The states for the controller with the id ``own_id``, which are ``step_ns`` apart.
+
+    ``run`` is that of the plant it answers, '' of a foreign one and None before the first;
+    ``stamp`` [ns] is that of the last state it answered, 0 where the next answer starts afresh.
+    Times ``now`` are in s, of one clock.
+    """
+
+    def __init__(self, own_id: str, step_ns: int) -> None:
+        self.run: str | None = None
+        self.stamp = 0
+        self._own_id, self._step_ns = own_id, step_ns
+        self._episode = 0
+        self._heard_at = -math.inf
+        self._named: StateHeader | None = None  # that of a lockstep run which names us
+        self._due = 0
+
+    def follows(self, header: StateHeader, stamp: int, now: float) -> bool:
+        """Tell at once of the usual state, which names us and is the next one in lockstep."""
+        if header is not self._named or stamp != self._due:
+            return False
+        self.stamp, self._due, self._heard_at = stamp, stamp + self._step_ns, now
+        return True
+
+    def judge(self, header: StateHeader, stamp: int, lockstep: bool, now: float) -> Reply:
+        """Decide on a state of a plant that waits in ``lockstep``, or of a foreign plant."""
+        last, quiet = Answered(self.run, self._episode, self.stamp), now - self._heard_at
+        if header.run:
+            step = self._step_ns if lockstep else 0
+            last, reply = judge_state(self._own_id, last, header, stamp, step, quiet)
+        else:
+            last, reply = judge_foreign_state(last, stamp, quiet)
+        if last.run == header.run:
+            self._heard_at = now
+        self.run, self._episode, self.stamp = last
+        self._named = header if lockstep and header.controller == self._own_id else None
+        self._due = self.stamp + self._step_ns
+        return reply
+
+    def forget(self) -> None:
+        """Answer the next state afresh."""
+        self.stamp, self._due = 0, 0

@@ -1,0 +1,53 @@
+"""
+How the messages of a process travel, and on which core it runs.
+
+By default Fast DDS sends to processes on the same machine by shared memory. When one of them is
+killed, the others can hang inside ``publish`` for ever, on a lock that it held. They slow down to
+a twentieth until DDS drops it (20 s), and a process started in its place may stay unheard. UDP has
+none of this, and costs a tenth of the speed of two processes: docs/reliability.md.
+"""
+
+from collections.abc import MutableMapping
+from contextlib import suppress
+import os
+from pathlib import Path
+
+from impulse_control_ros.core.parameter import ParameterError
+
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+OWN_CHOICE = (TRANSPORTS, *PROFILES, 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
+OWN_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
+LOCALHOST_UDP = Path(__file__).with_name('localhost_udp.xml')
+
+
+def prefer_udp(middleware: str, environment: MutableMapping[str, str] = os.environ) -> None:
+    """
+    Use UDP alone, where the user has chosen no transport; to be called before ``rclpy.init``.
+
+    ``middleware`` is rclpy's name of it. Within the range LOCALHOST rmw_fastrtps adds shared
+    memory whatever ``TRANSPORTS`` says, so a profile of ours takes the place of that range.
+    """
+    if not middleware.startswith('rmw_fastrtps') or any(map(environment.get, OWN_CHOICE)) or any(
+            map(os.path.exists, OWN_FILES)):
+        return
+    environment[TRANSPORTS] = 'UDPv4'
+    local_only = environment.get('ROS_LOCALHOST_ONLY') == '1'
+    if local_only or environment.get(RANGE) == 'LOCALHOST':
+        environment.update(dict.fromkeys(PROFILES, str(LOCALHOST_UDP)))
+        environment[RANGE] = 'SYSTEM_DEFAULT'
+        environment.pop('ROS_LOCALHOST_ONLY', None)
+
+
+def place_on_core(core: int) -> None:
+    """Run every thread of this process on one core; -1 leaves that to the system."""
+    if core == -1:
+        return
+    allowed = os.sched_getaffinity(0)
+    if core not in allowed:
+        raise ParameterError(f'invalid cpu_core = {core}: must be -1 (any core) or one of '
+                             + ', '.join(map(str, sorted(allowed))))
+    for thread in os.listdir('/proc/self/task'):
+        with suppress(ProcessLookupError):  # a thread that has ended meanwhile
+            os.sched_setaffinity(int(thread), {core})
