@@ -16,7 +16,7 @@ def generate_launch_description():
     config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'underdamped.yaml'])
     arguments = [
         DeclareLaunchArgument('params_file', default_value=config,
-                              description='a complete ROS parameter file'),
+                              description='a ROS parameter file'),
         DeclareLaunchArgument('bag', default_value='',
                               description='folder to create; empty: impulse_<date and time>'),
     ]

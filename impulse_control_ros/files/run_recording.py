@@ -17,13 +17,13 @@ class RunRecording:
     """
     The recording of the run of ``plant``, into the bag that ``make_bag`` makes.
 
-    ``bag`` is None before the first state and command are there; ``described`` returns the
-    topics from a number on.
+    ``run`` is its id. ``bag`` is None before the first state and command are there; ``described``
+    returns the topics from a number on.
     """
 
     def __init__(self, plant: Plant, make_bag: Callable[[], BagWriter],
                  described: Callable[[int], Sequence[Topic]]) -> None:
-        self.joiner = SampleJoiner(plant)
+        self.run, self.joiner = plant.run, SampleJoiner(plant)
         self.bag: BagWriter | None = None
         self._make_bag, self._described = make_bag, described
         self._topics = 0
@@ -53,7 +53,7 @@ class RunRecording:
         assert self.bag
         topics = self._described(self._topics)
         if not self._topics:
-            describe_run(self.bag, self.joiner.plant.run, topics)
+            describe_run(self.bag, self.run, topics)
         for topic in topics:
             self.bag.add_topic(topic)
         self._topics += len(topics)

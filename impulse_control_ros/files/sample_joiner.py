@@ -22,6 +22,7 @@ from impulse_control_ros.core.protocol import (
     CommandHeader,
     FOREIGN,
     parse_command,
+    parse_node,
     parse_state,
     StateHeader,
     WINDOW,
@@ -194,8 +195,11 @@ class SampleJoiner:
                 self.counts[why_not] += 1
         elif channel != PARAMETERS:
             self._unstamped.add(time, channel, raw)
-        elif (entry := (read_header(raw)[0], channel, raw)) not in self._loose:
-            self._loose.append(entry)
+        else:
+            stamp, node = read_header(raw)
+            run, entry = parse_node(node.decode(errors='replace')).run, (stamp, channel, raw)
+            if run == self.plant.run and entry not in self._loose:
+                self._loose.append(entry)
 
     def _add_state(self, raw: bytes, time: int) -> None:
         text, header = self._header

@@ -45,6 +45,7 @@ from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
 ENDLESS = 2**62
+ANNOUNCE = 1.0  # s after which a plant says again that it waits: a recorder may have been busy
 HEARTBEAT = 0.25  # s between states that nothing but the wall clock or a pause holds
 
 
@@ -98,9 +99,11 @@ class PlantSimulator(ParameterNode):
 
     def _start(self, now: float) -> float:
         """Publish the first state, once a recorder has joined where one is wanted."""
-        if not self._announced:
+        waits = self.parameters.wait_for_recorder and not self.recorders
+        if not self._announced or (waits and now >= self._published_at + ANNOUNCE):
+            self._published_at = now
             self._tell_parameters({})
-        if self.parameters.wait_for_recorder and not self.recorders:
+        if waits:
             self._report.waiting_for('a recorder', now)
             return 0.02
         start_ns = self.parameters.start_ns(time_ns())

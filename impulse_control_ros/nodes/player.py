@@ -7,36 +7,32 @@ it is resumed (``--start-paused``), and the answer of ~/pause says how many it h
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from operator import itemgetter
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from mcap.records import Channel, Schema
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
-import yaml
 
-from impulse_control_ros.core.parameter import parameter, Parameters, refusal
+from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import encode_time
-from impulse_control_ros.files.columns import BagError, Column, columns
+from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import cpu_core_parameter
+from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
 from impulse_control_ros.files.recording import storage_file
-from impulse_control_ros.files.topics import CLOCK
+from impulse_control_ros.files.topics import CLOCK, SERIES_DEPTH
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import message_class, SERIES_QOS
 from impulse_control_ros.stop import StopRequest
 
 AT_ONCE = 1000  # messages between two looks at what else is to do
-Message = tuple[int, str, bytes]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +56,9 @@ class Player(ParameterNode):
         self._path = storage_file(options.bag)
         found, spans = surveyed(self._path)
         self._topics = chosen(found, options.topics)
-        self._outputs = {name: self.create_publisher(message_class(kind), name, qos)
-                         for name, (kind, qos) in self._topics.items()}
+        self._outputs = {
+            name: self.create_publisher(message_class(kind), name, replayed_qos(offered))
+            for name, (kind, offered) in self._topics.items()}
         self._time = (None if CLOCK in self._outputs
                        else self.create_publisher(Clock, CLOCK, SERIES_QOS))
         self._rate = self.parameters.rate
@@ -146,86 +143,14 @@ class Player(ParameterNode):
             output.wait_for_all_acked(Duration(seconds=1))
 
 
-Offers = dict[str, tuple[str, QoSProfile]]
-Spans = dict[str, tuple[int, int]]
-
-
-def surveyed(path: Path) -> tuple[Offers, Spans]:
-    """Return, by topic, type and quality of service, and the first and last log time [ns]."""
-    kinds: dict[int, str] = {}
-    found: Offers = {}
-    spans: Spans = {}
-    for item in columns(path):
-        if isinstance(item, Schema):
-            kinds[item.id] = item.name
-        elif isinstance(item, Channel):
-            found[item.topic] = kinds.get(item.schema_id, ''), qos_of(item)
-        elif isinstance(item, Column):
-            first, last = int(item.time.min()), int(item.time.max())
-            before = spans.get(item.topic, (first, last))
-            spans[item.topic] = min(before[0], first), max(before[1], last)
-    return found, spans
-
-
-def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
-    """
-    Return the topics ``wanted`` of those ``found``, or all.
-
-    Raises `ParameterError` for a topic that is not in the bag.
-    """
-    if wanted is None:
-        return found
-    names = [f'/{name.lstrip("/")}' for name in wanted]
-    for name in names:
-        if name not in found:
-            raise refusal('topic', name, f'one of the bag: {", ".join(found)}')
-    return {name: found[name] for name in names}
-
-
-def qos_of(channel: Channel) -> QoSProfile:
+def replayed_qos(offered: Mapping[str, Any]) -> QoSProfile:
     """Return the reliability and durability of the publisher that was recorded, queued deeply."""
-    try:
-        offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
-        best_effort = offers[0].get('reliability') in ('best_effort', 2)
-        latched = offers[0].get('durability') in ('transient_local', 1)
-    except (yaml.YAMLError, LookupError, TypeError, AttributeError):
-        raise BagError(f'offered_qos_profiles of {channel.topic} cannot be read') from None
+    best_effort = offered.get('reliability') in ('best_effort', 2)
+    latched = offered.get('durability') in ('transient_local', 1)
     return QoSProfile(
-        depth=SERIES_QOS.depth,
-        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort
-                     else ReliabilityPolicy.RELIABLE),
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
-                    else DurabilityPolicy.VOLATILE))
-
-
-def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
-    """Return the log time [ns] at which to start; raises `ParameterError` for the offset."""
-    first, last = min(first for first, _ in spans), max(last for _, last in spans)
-    if not 0.0 <= offset <= (last - first) / SECOND:
-        raise refusal('--start-offset', offset, f'[0, {(last - first) / SECOND:g}] [s]')
-    return first + round(offset * SECOND)
-
-
-def in_order(path: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
-    """Yield (log time [ns], topic, bytes) from ``start_ns`` on, chunk by chunk."""
-    chunk: list[Column] = []
-    for item in columns(path):
-        if isinstance(item, Column):
-            if chunk and item.content is not chunk[0].content:
-                yield from of_chunk(chunk, topics, start_ns)
-                chunk = []
-            chunk.append(item)
-    yield from of_chunk(chunk, topics, start_ns)
-
-
-def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterator[Message]:
-    """Yield the messages of one chunk's ``topics`` in the order of time."""
-    messages = [(time, start, size, column) for column in chunk if column.topic in topics
-                for time, start, size in zip(
-                    column.time.tolist(), column.start.tolist(), column.size.tolist(),
-                    strict=True) if time >= start_ns]
-    for time, start, size, column in sorted(messages, key=itemgetter(0, 1)):
-        yield time, column.topic, column.content[start:start + size].tobytes()
+        depth=SERIES_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
 def main(stop: StopRequest, description: str,

@@ -54,7 +54,8 @@ class Recorder(ParameterNode):
         self._id = new_id(self.get_fully_qualified_name())
         self._topics = RecordedTopics(self, self.parameters.topics, outputs or {})
         self.progress = Output(self, Header, RECORDER_PROGRESS, SLOW_QOS)
-        self._parameters: dict[str, list[Taken]] = {}  # by run, the newest last
+        self._parameters: dict[str, list[Taken]] = {}  # the events by run
+        self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
         self._bags = 0
         self._batch_at = 0.0
@@ -76,21 +77,33 @@ class Recorder(ParameterNode):
         """Keep the parameters of a run, and record it where none is recorded."""
         *_, node, values, _ = decoded(taken[1])
         run, name = parse_node(node)
-        self._parameters.setdefault(run, []).append(taken)
+        events = self._parameters.setdefault(run, [])
+        is_new = all(taken[1] != known[1] for known in events)  # a waiting plant says it again
+        if is_new:
+            events.append(taken)
+        if self._recording and run == self._recording.run:
+            if is_new:
+                self._recording.joiner.add(*taken)
         # a plant has no id; a controller tells of a foreign plant what it takes it to be
-        if not run or name == name_of(name):
-            if len(self._parameters) > MOST_RUNS:
-                del self._parameters[next(iter(self._parameters))]
+        elif not run or name == name_of(name):
+            self._plants.pop(run, None)
+            self._plants[run] = values
+            if len(self._plants) > MOST_RUNS:
+                oldest = next(iter(self._plants))
+                del self._plants[oldest], self._parameters[oldest]
             if self._recording is None:
-                self._record(run, values)
-            elif run != self._recording.joiner.plant.run:
+                self._record(run)
+            else:
                 self._recording.joiner.other = run
 
-    def _record(self, run: str, values: Mapping[str, Any]) -> None:
-        """Begin with a run whose plant, or whose controller, has the parameters ``values``."""
+    def _record(self, run: str) -> None:
+        """Begin to record a run whose parameters are known."""
+        values = self._plants[run]
         plant = Plant(run, values['joint_name'], nanoseconds(values['time_step'], 'time_step'),
                       values.get('lockstep', False))
         self._recording = RunRecording(plant, self._make_bag, self._topics.described)
+        for taken in self._parameters[run]:
+            self._recording.joiner.add(*taken)
 
     def _make_bag(self) -> BagWriter:
         names = (self._name if number == 1 else f'{self._name}-{number}'
@@ -111,21 +124,13 @@ class Recorder(ParameterNode):
                                    f'bag is finished with its first {bag.count} messages'))
         self._recording = None
 
-    def _change_run(self, run: str) -> None:
-        """Record another run from now on, in a bag of its own."""
-        self._finish()
-        events, self._parameters[run] = self._parameters.get(run, []), []
-        for taken in events:
-            self._take(taken)
-
     # -- by the wall clock ------------------------------------------------------------------
 
     def _take(self, taken: Taken) -> None:
-        topic, raw, time = taken
-        if topic == PARAMETERS:
+        if taken[0] == PARAMETERS:
             self._learn(taken)
-        if self._recording:
-            self._recording.joiner.add(topic, raw, time)
+        elif self._recording:
+            self._recording.joiner.add(*taken)
 
     def poll(self) -> float:
         """Write a batch when it is due, and tell the plant how far the recording is."""
@@ -140,13 +145,14 @@ class Recorder(ParameterNode):
             self._tell_progress(recording.joiner.reached)
             if recording.bag and recording.bag.full:
                 self._finish()
-            elif recording.joiner.other is not None and recording.is_quiet:
-                self._change_run(recording.joiner.other)
+            elif recording.is_quiet and recording.joiner.other in self._plants:
+                self._finish()
+                self._record(recording.joiner.other)
         return BATCH_PERIOD
 
     def _tell_progress(self, reached: int) -> None:
         assert self._recording
-        frame_id = NodeHeader(self._recording.joiner.plant.run, self._id).frame_id
+        frame_id = NodeHeader(self._recording.run, self._id).frame_id
         self.progress.send(encode_header(*divmod(reached, SECOND), frame_id))
 
     def _covered(self) -> tuple[int, float]:

@@ -109,8 +109,8 @@ def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> in
                       'wall_seconds': f'{wall:.6f}'})
     if writer.full:
         why = f'{writer.folder}: {writer.full.strerror}'
-    elif stop.requested:
-        why = why or f'interrupted at {seconds:g} s'
+    elif stop.requested and not why and count > ticks(seconds, plant.time_step) + 1:
+        why = f'interrupted at {seconds:g} s'
     if why:
         return leave(f'{why}; the bag is finished with its first {writer.count} messages', 1)
     print(f'{writer.folder}: {writer.count} messages, {seconds:g} s simulated in {wall:.2f} s')
