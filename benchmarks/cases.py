@@ -6,7 +6,7 @@ from pathlib import Path
 from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
 from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 
 CONFIG = Path(__file__).parent.parent / 'config'
 FIGURES = {'fig2': 'underdamped.yaml', 'fig5': 'coulomb.yaml'}

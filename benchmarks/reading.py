@@ -28,11 +28,11 @@ from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.core.tick import SECOND, stamp
 from impulse_control_ros.files.bag import BagWriter, storage_path, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
 )
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 
 CONFIG = Path(__file__).parent.parent / 'config' / 'time_varying.yaml'

@@ -35,6 +35,11 @@ def ticks(duration: float, time_step: float) -> int:
     return round(duration / time_step)
 
 
+def samples_between(rate: float, time_step: float) -> int:
+    """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
+    return max(1, round(1.0 / (rate * time_step))) if rate else 0
+
+
 class SampleClock:
     """
     Samples ``step_ns`` apart, from ``start_ns`` on.

@@ -167,6 +167,15 @@ class BagWriter:
             'custom_data': {'impulse_control_ros': __version__}, 'ros_distro': ROS_DISTRO}
 
 
+def require_definitions(kinds: Iterable[str]) -> None:
+    """Raise `BagError` for a message type whose definition is not installed."""
+    for kind in kinds:
+        try:
+            message_definition(kind)
+        except FileNotFoundError as error:
+            raise BagError(f'message type {kind!r} cannot be recorded: {error}') from None
+
+
 def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:
     """Say in a bag which run it is of, and which of its ``topics`` has which role."""
     bag.add_metadata(PACKAGE, {'version': __version__, 'run': run} | {

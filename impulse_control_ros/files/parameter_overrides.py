@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 import re
 
-from impulse_control_ros.files.experiment import sections
+from impulse_control_ros.files.parameter_file import sections
 
 NODE_OF_RULE = re.compile(r'(\w+):[^:=]+:=')
 

@@ -5,7 +5,8 @@ import re
 import yaml
 
 from impulse_control_ros.core.parameter import declared, ParameterError
-from impulse_control_ros.files.experiment import Given, NODES, parsed
+from impulse_control_ros.files.experiment import NODES
+from impulse_control_ros.files.parameter_file import Given, parsed
 
 _RULE = re.compile(r'(?:(\w+):)?([\w.]+):=(.+)', re.DOTALL)
 

@@ -25,7 +25,7 @@ from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.law import law_of
 from impulse_control_ros.core.parameter import build, KIND, ParameterError, Parameters, refusal
 from impulse_control_ros.core.study import described, Extent, Study
-from impulse_control_ros.files.experiment import read_experiment, read_mapping
+from impulse_control_ros.files.parameter_file import read_experiment, read_mapping
 from impulse_control_ros.files.shipped import shipped_experiment
 
 EXTENT = ('duration', 'seed', 'runs')

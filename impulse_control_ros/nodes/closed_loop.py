@@ -16,7 +16,7 @@ from typing import Any
 from rclpy.parameter import Parameter
 from tqdm import tqdm
 
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.topics import (
     DAMPING,
     IMPULSE_EVENTS,
@@ -125,9 +125,9 @@ def main(stop: StopRequest) -> int:
     loop = ClosedLoop()
 
     def makers(options: argparse.Namespace) -> list[Maker]:
-        for flag, path in zip(sys.argv, sys.argv[1:], strict=False):
-            if flag == '--params-file':
-                read_experiment(path)  # rcl would pass a node over that is none of the three
+        # rcl would pass a node over that is none of the three
+        read_experiment(*(path for flag, path in zip(sys.argv, sys.argv[1:], strict=False)
+                          if flag == '--params-file'))
         record = not options.no_recorder
         return [lambda: loop.make_plant(record), loop.make_controller,
                 *[loop.make_recorder] * record]

@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.core.protocol import NodeHeader, StateHeader
+from impulse_control_ros.core.tick import samples_between
 from impulse_control_ros.files.cdr import encode_float64, encode_time, WITHOUT_VELOCITY
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
@@ -35,9 +36,7 @@ class PlantOutputs:
     def change(self, parameters: PlantParameters) -> None:
         """Publish clock and damping at other rates."""
         self._clock_every = samples_between(parameters.clock_rate, parameters.time_step)
-        varies = parameters.damping.kind != 'constant'
-        self._damping_every = varies * samples_between(
-            parameters.damping_rate, parameters.time_step)
+        self._damping_every = parameters.damping_every
 
     def tell_parameters(self, run: str, stamp: tuple[int, int], parameters: Mapping[str, Any],
                         changed: Mapping[str, Any]) -> None:
@@ -65,8 +64,3 @@ class PlantOutputs:
             self.clock.send(encode_time(*stamp))
         if self._damping_every and tick % self._damping_every == 0 and tick:
             self.damping.send(encode_float64(damping))
-
-
-def samples_between(rate: float, time_step: float) -> int:
-    """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
-    return max(1, round(1.0 / (rate * time_step))) if rate else 0

@@ -93,7 +93,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     """Return the controller's parameters of the command line; raises `ParameterError`."""
     from impulse_control_ros.core.parameter import ParameterError
-    from impulse_control_ros.files.experiment import read_values
+    from impulse_control_ros.files.parameter_file import read_values
 
     values = dict(read_values(options.params)['controller']) if options.params else {}
     for rule in options.overrides:

@@ -16,10 +16,11 @@ from impulse_control_ros.core.blocks import blocks_of
 from impulse_control_ros.core.parameter import ParameterError, refusal
 from impulse_control_ros.core.protocol import new_id, new_run, NodeHeader, StateHeader
 from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks
-from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
+from impulse_control_ros.files.bag import BagWriter, describe_run, require_definitions, Topic
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.files.experiment import Experiment, PlantParameters, read_experiment
+from impulse_control_ros.files.experiment import Experiment, PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.run_messages import RunMessages
 from impulse_control_ros.files.topics import (
@@ -67,6 +68,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         experiment = read_experiment(
             *options.configs, besides=[one for rule in options.rules for one in given_by(rule)])
         require_end(experiment.plant_simulator)
+        require_definitions([*SERIES.values(), FLOAT64])
         writer = BagWriter(options.bag, experiment.recorder.compression)
     except (UsageError, ParameterError, BagError) as error:
         return leave(error, 2)
@@ -133,14 +135,7 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
         *divmod(start_ns, SECOND), NodeHeader(header.run, node).frame_id, parameters.flat(), {}))
         for node, parameters in ((PLANT, plant), (header.controller, experiment.controller)))
     return RunMessages(header, plant.joint_name, channels, start_ns,
-                       nanoseconds(plant.time_step, 'time_step'), damping_every(plant))
-
-
-def damping_every(plant: PlantParameters) -> int:
-    """Return the number of samples between messages on damping; 0 for none."""
-    if plant.damping.kind == 'constant' or not plant.damping_rate:
-        return 0
-    return max(1, round(1.0 / (plant.damping_rate * plant.time_step)))
+                       nanoseconds(plant.time_step, 'time_step'), plant.damping_every)
 
 
 def progress(duration: float) -> Any:

@@ -28,6 +28,7 @@ from test.core.protocol_recorder import Command, may_join, Recorder, require, St
 
 COMMAND_TIMEOUT, PATIENCE = 1.0, 0.02
 import os
+
 V = os.environ.get('V','')
 NODE_CLEARS = 'C' in V
 

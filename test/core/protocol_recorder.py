@@ -9,8 +9,7 @@ that has just joined tells of its first state at once, though no command may eve
 
 from typing import NamedTuple
 
-from impulse_control_ros.core import protocol
-from impulse_control_ros.core.protocol import CommandHeader, FOREIGN, StateHeader
+from impulse_control_ros.core.protocol import CommandHeader, StateHeader
 
 
 class Violation(Exception):  # noqa: N818 - it is what is searched for

@@ -33,7 +33,7 @@ from impulse_control_ros.core.impulse import (
 )
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.stribeck import Stribeck
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from test.conftest import CONFIG
 
 PD = Controller(impulses=False)

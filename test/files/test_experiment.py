@@ -4,13 +4,8 @@ import pytest
 import yaml
 
 from impulse_control_ros.core.parameter import declared, ParameterError
-from impulse_control_ros.files.experiment import (
-    axis_of,
-    flattened,
-    NODES,
-    PlantParameters,
-    read_experiment,
-)
+from impulse_control_ros.files.experiment import axis_of, NODES, PlantParameters
+from impulse_control_ros.files.parameter_file import flattened, read_experiment
 from test.conftest import CONFIG
 
 FILES = sorted(CONFIG.glob('*.yaml'))

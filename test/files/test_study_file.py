@@ -8,7 +8,7 @@ import yaml
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.law import Law, LAWS
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.study_file import difference, identity, read_study
 from test.conftest import CONFIG, ROOT
 

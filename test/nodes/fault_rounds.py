@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.columns import Column, columns
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 from test.conftest import Client, CONFIG, Graph
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from impulse_control_ros.core.protocol import name_of, parse_state
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools import replay
 from test.processes import CONFIG

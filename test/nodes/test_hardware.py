@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 import yaml
 
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.rerun import with_velocities
 from test.conftest import CONFIG

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from impulse_control_ros.files.experiment import NODES as PARAMETERS, read_experiment
+from impulse_control_ros.files.experiment import NODES as PARAMETERS
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 from test.nodes.runs import (
     assert_replays,

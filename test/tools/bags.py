@@ -14,8 +14,8 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import BagWriter, PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout
-from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.files.parameter_event import encode_parameter_event, TYPE
+from impulse_control_ros.files.parameter_file import read_experiment
 from test.conftest import CONFIG
 from test.files.test_bag import RUN, START, STEP, STORE, topic
 

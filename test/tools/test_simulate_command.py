@@ -23,8 +23,8 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
-from impulse_control_ros.files.experiment import read_experiment
 from impulse_control_ros.files.parameter_event import encode_parameter_event
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.recording import read
 from test.conftest import BIN, CONFIG, Process, wait_for

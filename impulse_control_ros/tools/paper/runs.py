@@ -12,7 +12,7 @@ from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
 from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.simulate import Run, simulate
-from impulse_control_ros.files.experiment import read_experiment
+from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.shipped import shipped_experiment
 
 SECONDS = 2.0  # as long as the paper's figures need
