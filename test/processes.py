@@ -21,7 +21,7 @@ ENVIRONMENT = dict(os.environ)  # of the processes; rclpy here may add to ours
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 BIN = Path(sys.executable).parent
-PATIENCE = 240.0
+PATIENCE = 100.0
 PR_SET_PDEATHSIG = 1
 _numbers = itertools.count(os.getpid())
 
@@ -47,7 +47,7 @@ class Process:
     """A started executable; its output goes to a file."""
 
     def __init__(self, name: str, command: list[str], log: Path, env: dict[str, str]) -> None:
-        self.name, self._log = name, log
+        self.name, self.folder, self._log = name, log.parent, log
         with log.open('wb') as out:
             self._popen = subprocess.Popen(
                 command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=env,

@@ -175,6 +175,7 @@ class SampleJoiner:
         self.counts = {'states': 0, 'missing': 0, 'repeated': 0, 'foreign': 0}
         self._header: tuple[bytes, StateHeader] = NONE, StateHeader()  # of the state before
         self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
+        self._named = ''  # by the newest copy of the newest state
         self._answers = {COMMANDS: AnswerQueue(plant.run), EVENTS: AnswerQueue(plant.run)}
         self._unstamped = UnstampedQueue()
         self._loose: list[Entry] = []  # belongs to a state, and is no answer to it
@@ -210,6 +211,8 @@ class SampleJoiner:
         sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
         stamp, run = sec * SECOND + nanosec, self.plant.run
         ours = header.run == run and (run or string(self.plant.joint) in raw)
+        if ours and stamp >= self.newest:
+            self._named = header.controller
         if ours and stamp > self.newest:
             self.heard += 1
             self.newest = stamp
@@ -260,8 +263,10 @@ class SampleJoiner:
         while states:
             stamp, _, raw = states[0]
             follows = len(states) > 1
-            command, event, waits = self._sample(stamp, states[1][1] if follows else '')
-            if waits and not everything:
+            command, event, waits = self._sample(stamp, states[1][1] if follows else self._named)
+            # whom the plant has heard it says in another copy of its state
+            if (waits or not (follows or self._named or not self.plant.lockstep)) and (
+                    not everything):
                 break
             self.reached = max(self.reached, stamp)
             if not (follows or everything):

@@ -27,6 +27,7 @@ from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Repl
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
 from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.files.cdr import read_header
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES, RUN_PARAMETERS, SETPOINT
 from impulse_control_ros.nodes.answers import Answers
@@ -86,8 +87,7 @@ class Controller(ManagedNode):
                     not self._is_to_answer(header, stamp, raw)):
                 return
         except UnreadableError as error:
-            self._counts['rejected'] += 1
-            self.get_logger().error(f'rejected a state {error}', throttle_duration_sec=5.0)
+            self._reject(raw, error)
             return
         if self._untold is not None:
             self.answers.tell_parameters(sec, nanosec, self.parameters.flat(), self._untold)
@@ -120,18 +120,33 @@ class Controller(ManagedNode):
             if reply is Reply.REPEAT and raw != self._seen:
                 raise UnreadableError(f'with the stamp of the one before, {seconds(stamp)} s')
             self._seen = raw
-        if self._states.run != before:
-            try:
-                self.plants.adopt(header.run, self.parameters)
-            except ParameterError as error:
-                self.fail(error)
-                return False
+        if self._states.run != before and not self._adopt(header.run):
+            return False
         if reply is Reply.ANSWER_AFRESH:
+            if stamp < last and self._states.run == before:
+                self.get_logger().info(f'joint_states went back from {seconds(last)} s to '
+                                       f'{seconds(stamp)} s: starting afresh')
             self._rate.begin(stamp, self.answers.sent, last)
             self._begin(header, stamp)
         elif reply is not Reply.ANSWER:
             self._pass_over(reply, header)
         return reply in (Reply.ANSWER, Reply.ANSWER_AFRESH)
+
+    def _adopt(self, run: str) -> bool:
+        """Answer a plant from now on; where the two do not fit the node ends."""
+        try:
+            self.plants.adopt(run, self.parameters)
+        except ParameterError as error:
+            self.fail(error)
+        return not self.finished
+
+    def _reject(self, raw: bytes, error: UnreadableError) -> None:
+        """Account for a state that cannot be read, maybe because its plant has another joint."""
+        self._counts['rejected'] += 1
+        run = parse_state(read_header(raw)[1].decode(errors='replace')).run
+        if run in self.plants and self._states.run is None and not self._adopt(run):
+            return
+        self.get_logger().error(f'rejected a state {error}', throttle_duration_sec=5.0)
 
     def _begin(self, header: StateHeader, stamp: int) -> None:
         """Answer with an empty memory from this state on."""

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros.core.axis import DIVERGED, DivergedError
-from impulse_control_ros.core.command_arbiter import CommandArbiter
+from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.protocol import (
     FOREIGN,
     name_of,
@@ -204,6 +204,8 @@ class PlantSimulator(ParameterNode):
     def poll(self) -> float:
         """Do what is due by the wall clock: start, pace, publish again."""
         now, tick = monotonic(), self.clock.tick
+        if self.arbiter.awaiting and now < self._published_at + SOON:
+            return SOON
         for recorder in self.recorders.drop_silent(now, self.parameters.recorder_timeout):
             self.get_logger().warning(f'recorder {recorder} is silent: the run goes on without it')
         if tick < 0:

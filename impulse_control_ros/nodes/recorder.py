@@ -7,6 +7,7 @@ waits for it, so a slow disk slows simulated time and loses nothing. A run gets 
 ``<bag>``, ``<bag>-2`` and so on, once a state and a command of it are there.
 """
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import count
@@ -19,7 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
-from impulse_control_ros.core.protocol import name_of, new_id, NodeHeader, parse_node
+from impulse_control_ros.core.protocol import name_of, new_id, NodeHeader, parse_node, WINDOW
 from impulse_control_ros.core.recorder_flow_control import LEAVES
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.bag import BagWriter, require_writable
@@ -57,6 +58,7 @@ class Recorder(ParameterNode):
         self._parameters: dict[str, list[Taken]] = {}  # the events by run
         self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
+        self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before it is known what to record
         self._bags = 0
         self._batch_at = 0.0
         # on the steady clock: simulated time may stand still
@@ -102,8 +104,9 @@ class Recorder(ParameterNode):
         plant = Plant(run, values['joint_name'], nanoseconds(values['time_step'], 'time_step'),
                       values.get('lockstep', False))
         self._recording = RunRecording(plant, self._make_bag, self._topics.described)
-        for taken in self._parameters[run]:
+        for taken in (*self._early, *self._parameters[run]):
             self._recording.joiner.add(*taken)
+        self._early.clear()
 
     def _make_bag(self) -> BagWriter:
         names = (self._name if number == 1 else f'{self._name}-{number}'
@@ -131,6 +134,8 @@ class Recorder(ParameterNode):
             self._learn(taken)
         elif self._recording:
             self._recording.joiner.add(*taken)
+        else:
+            self._early.append(taken)
 
     def poll(self) -> float:
         """Write a batch when it is due, and tell the plant how far the recording is."""

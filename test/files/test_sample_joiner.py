@@ -111,12 +111,17 @@ def test_nothing_is_handed_out_before_the_next_state_says_whose_command_acted():
     joiner.add(STATES, state(0, ''), 1)
     joiner.add(COMMANDS, command(0, author=ME, effort=1.0), 2)
     assert joiner.take() == []
-    assert joiner.reached == START
+    assert joiner.reached == 0  # another copy of the state may name an author not yet heard
+    joiner.add(STATES, state(0, RIVAL), 3)
+    assert joiner.take() == []
+    assert joiner.reached == 0
     joiner.add(COMMANDS, command(0, author=RIVAL, effort=2.0), 3)
+    assert joiner.take() == []
+    assert joiner.reached == START
     joiner.add(STATES, state(1, RIVAL), 4)
     assert joiner.take() == [(START, STATES, state(0, '')),
                              (START, COMMANDS, command(0, author=RIVAL, effort=2.0))]
-    assert joiner.counts['repeated'] == 1
+    assert joiner.counts['repeated'] == 2
 
 
 @given(st.sets(st.integers(1, 28)), st.sets(st.integers(1, 28)))
@@ -165,7 +170,7 @@ def test_an_event_is_waited_for_until_it_or_a_later_one_comes_or_until_it_is_giv
 
 def test_the_command_of_a_killed_controller_is_waited_for_until_it_is_given_up():
     joiner = SampleJoiner(OURS)
-    for raw in (state(0, ''), state(1), state(2)):
+    for raw in (state(0, ''), state(1), state(2), state(2, ''), state(2, RIVAL)):
         joiner.add(STATES, raw, 1)
     for raw in (command(0), command(2, author=RIVAL)):
         joiner.add(COMMANDS, raw, 1)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from mcap.reader import make_reader
 import numpy as np
 from sensor_msgs.msg import JointState
+import yaml
 
 from impulse_control_ros.core.protocol import name_of, parse_state
 from impulse_control_ros.core.simulate import simulate
@@ -25,6 +26,14 @@ PACED = {'duration': 0.0, 'real_time_factor': 0.05}  # 500 samples a second, wit
 def stamp_of(message):
     """Return the stamp of a message [ns]."""
     return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+
+
+def start_as(graph, name, node, **parameters):
+    """Start a node under another ``name``, with what UNDERDAMPED has for it."""
+    values = yaml.safe_load(UNDERDAMPED.read_text())[f'/**/{node}']
+    config = graph.folder / f'{name}.yaml'
+    config.write_text(yaml.safe_dump({f'/**/{name}': values}))
+    return graph.start(node, '--ros-args', '-r', f'__node:={name}', config=config, **parameters)
 
 
 class Run:
@@ -47,9 +56,10 @@ class Run:
 
     def start(self, node, name='', **parameters):
         """Start a node, under another ``name`` if that is given."""
-        renamed = ('--ros-args', '-r', f'__node:={name}') if name else ()
-        return self.graph.start(node, *renamed, config=UNDERDAMPED,
-                                **self._options.get(node, {}) | parameters)
+        given = self._options.get(node, {}) | parameters
+        if name:
+            return start_as(self.graph, name, node, **given)
+        return self.graph.start(node, config=UNDERDAMPED, **given)
 
     @property
     def stamp(self):

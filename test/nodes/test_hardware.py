@@ -12,7 +12,7 @@ from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.rerun import with_velocities
 from test.conftest import CONFIG
-from test.nodes.test_run import assert_recording_is_the_simulation, NODES, run_three_processes
+from test.nodes.runs import assert_simulated, assert_whole, three_processes
 
 HARDWARE = {
     'stribeck': {'F_s': 1.2, 'v_s': 0.02},
@@ -48,7 +48,8 @@ def test_with_all_hardware_the_composed_process_is_the_simulation_to_the_last_bi
     process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={bag}',
                           config=config)
     assert process.wait() == 0, process.output
-    assert_recording_is_the_simulation(bag, config)
+    assert_whole(read(bag))
+    assert_simulated(read(bag), config)
     for how in ('--controller', '--closed-loop'):
         replayed = graph.start('replay', bag, how)
         assert replayed.wait() == 0, replayed.output
@@ -62,8 +63,9 @@ def test_with_all_hardware_the_composed_process_is_the_simulation_to_the_last_bi
 
 def test_three_processes_settle_on_an_encoder_and_give_no_impulse_at_rest(graph):
     config = CONFIG / 'encoder.yaml'
-    bag = run_three_processes(graph, NODES, config)
-    assert_recording_is_the_simulation(bag, config)
+    bag = graph.folder / 'bag'
+    three_processes(graph, ('plant_simulator', 'controller', 'recorder'), config, bag)
+    assert_simulated(read(bag), config)
     step = read_experiment(config).plant_simulator.sensor.resolution
     recording = read(bag)
     late = 2_000_000_000  # the second half of the run

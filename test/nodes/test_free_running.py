@@ -1,0 +1,179 @@
+"""A plant that does not wait for commands, and what its controller leaves behind."""
+
+from array import array
+from itertools import pairwise
+import time
+
+from builtin_interfaces.msg import Time
+from lifecycle_msgs.msg import Transition
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+from impulse_control_ros.core.protocol import FOREIGN, name_of, parse_command, parse_state
+from impulse_control_ros.files.recording import read
+from test.nodes.runs import assert_replays, stamp_of
+from test.processes import busy_loops
+
+COARSE = {'time_step': 0.001}
+FREE = COARSE | {'lockstep': False, 'real_time_factor': 0.2}  # 200 samples a second
+
+
+def controller_of(state):
+    return name_of(parse_state(state.header.frame_id).controller)
+
+
+def efforts(states, count=5):
+    """Return the efforts of the last states."""
+    return [state.effort[0] for state in states[-count:]]
+
+
+def wait_for_zero(client, states):
+    states.clear()
+    client.spin_until(lambda: len(states) > 5 and efforts(states) == [0.0] * 5, 'zero efforts')
+
+
+def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(graph, client):
+    plant = graph.start('plant_simulator', **FREE)
+    states = client.listen('/joint_states', JointState)
+    publisher = client.publisher('/joint_commands', JointState, 'plant_simulator')
+    client.spin_until(lambda: states, 'states')
+    assert abs(stamp_of(states[0]) - time.time_ns()) < 600 * 10**9  # it begins at the wall clock
+    assert controller_of(states[0]) == ''
+
+    def command(effort, stamp_ns):
+        sec, nanosec = divmod(stamp_ns, 10**9)
+        made = JointState(name=['axis'], effort=[effort])
+        made.header.stamp = Time(sec=sec, nanosec=nanosec)
+        publisher.publish(made)
+
+    def holds(effort):
+        client.spin_until(lambda: states[-1].effort[0] == effort, f'{effort} N')
+
+    now = time.time_ns()
+    for effort, stamp_ns in ((1.0, now), (2.0, now + 5), (3.0, 0), (4.0, now + 10**12)):
+        command(effort, stamp_ns)
+        holds(effort)
+    command(5.0, now + 6)  # older than the newest
+    command(6.0, now + 10**12 + 1)
+    holds(6.0)
+    assert 5.0 not in [state.effort[0] for state in states]
+    client.reported('plant_simulator', accepted=5, stale=1)
+    assert controller_of(states[-1]) == FOREIGN
+    first = [stamp_of(state) for state in states]
+    plant.kill()
+    states.clear()
+    plant = graph.start('plant_simulator', **FREE)
+    client.spin_until(lambda: len(states) > 10, 'states')
+    stamps = first + [stamp_of(state) for state in states]
+    assert all(before < after for before, after in pairwise(stamps))
+    assert plant.interrupt() == 0
+
+
+def test_a_free_plant_holds_the_effort_of_a_killed_controller_and_another_takes_over(
+        graph, client):
+    plant = graph.start('plant_simulator', **FREE)
+    states = client.listen('/joint_states', JointState)
+    commands = client.listen('/joint_commands', JointState)
+    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}', **COARSE)
+                   for name in ('one', 'two')]
+    client.spin_until(lambda: states and controller_of(states[-1]), 'a controller')
+    first, second = sorted(('/one', '/two'),
+                           key=lambda name: name != controller_of(states[-1]))
+    client.spin_until(lambda: client.count_of(second[1:], 'standby'), 'who stands by')
+    begun = len(commands)
+    client.spin_until(lambda: len(commands) > begun + 50, 'commands')
+    assert {name_of(parse_command(one.header.frame_id).author) for one in commands[begun:]} == {
+        first}
+    controllers[first == '/two'].kill()
+    client.spin_until(lambda: controller_of(states[-1]) == second, 'the one that takes over')
+    left = max(at for at, state in enumerate(states) if controller_of(state) == first)
+    assert len({state.effort[0] for state in states[left - 50:left]}) == 1  # held meanwhile
+    begun = len(states)
+    client.spin_until(lambda: len({*efforts(states[begun:])}) > 1, 'new efforts')
+    assert controllers[first == '/one'].interrupt() == plant.interrupt() == 0
+
+
+def test_a_free_plant_without_a_controller_says_which_effort_it_holds(graph):
+    plant = graph.start('plant_simulator', **FREE)
+    plant.says('N is held')
+    assert plant.interrupt() == 0
+
+
+def test_a_controller_that_leaves_a_free_plant_leaves_no_effort_behind(graph, client):
+    plant = graph.start('plant_simulator', **FREE)
+    controller = graph.start('controller', **COARSE)
+    states = client.listen('/joint_states', JointState)
+    client.spin_until(lambda: any(efforts(states)), 'efforts')
+    assert controller.interrupt() == 0
+    wait_for_zero(client, states)
+    assert plant.interrupt() == 0
+
+
+def test_a_managed_controller_leaves_a_free_plant_without_effort_and_comes_again(graph, client):
+    plant = graph.start('plant_simulator', **FREE)
+    controller = graph.start('controller', **COARSE, managed=True)
+    states = client.listen('/joint_states', JointState)
+    client.activate()
+    client.spin_until(lambda: any(efforts(states)), 'efforts')
+    assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
+    wait_for_zero(client, states)
+    assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
+    client.spin_until(lambda: any(efforts(states)), 'efforts')
+    # what passed while it was not active is not counted as lost
+    lost = int(client.reported('controller', message='answering')['lost'])
+    assert lost < 20
+    for process in (plant, controller):
+        assert process.interrupt() == 0
+        assert 'Traceback' not in process.output
+
+
+def test_a_free_plant_whose_states_no_longer_reach_the_controller_gets_zero(graph, client):
+    plant = graph.start('plant_simulator', '--ros-args', '-r', 'joint_states:=measured', **FREE)
+    controller = graph.start('controller', **COARSE, state_timeout=0.2)
+    states = client.listen('/measured', JointState)
+    relay = client.publisher('/joint_states', JointState, 'controller')
+
+    def relayed():
+        for one in states:
+            relay.publish(one)
+        moving = any(efforts(states))
+        states.clear()
+        return moving
+    client.spin_until(relayed, 'efforts')
+    wait_for_zero(client, states)
+    for process in (plant, controller):
+        assert process.interrupt() == 0
+
+
+@pytest.mark.parametrize('free', [False, True])
+def test_a_free_plant_that_is_paused_gets_zero_and_a_plant_in_lockstep_does_not(
+        graph, client, free):
+    states = client.listen('/joint_states', JointState)
+    commands = client.listen('/joint_commands', JointState)
+    plant = graph.start('plant_simulator', **FREE | {'lockstep': not free})
+    controller = graph.start('controller', **COARSE, state_timeout=0.05)
+    client.spin_until(lambda: states and any(efforts(states)), 'efforts')
+    assert client.call('/plant_simulator/pause', SetBool, data=True).success
+    client.reported('controller', steps_per_second='0.0')
+    zeros = [one for one in commands if stamp_of(one) == 0]
+    assert bool(zeros) == free
+    assert all(one.effort == array('d', [0.0]) for one in zeros)
+    assert plant.interrupt() == controller.interrupt() == 0
+
+
+def test_a_recorded_run_of_a_free_plant_replays_from_its_states_whatever_the_load(graph, client):
+    bag = graph.folder / 'bag'
+    plant = graph.start('plant_simulator', **FREE, wait_for_recorder=True)
+    controller = graph.start('controller', **COARSE, position_deadband=0.005)
+    recorder = graph.start('recorder', bag=bag)
+    with busy_loops(2):
+        states = client.listen('/joint_states', JointState)
+        client.spin_until(lambda: len(states) > 100 and controller_of(states[-1]), 'states')
+        for process in (plant, recorder, controller):
+            assert process.interrupt() == 0, process.output
+    run = read(bag)
+    assert np.array_equal(np.diff(run.states['stamp']), np.full(len(run.states) - 1, 10**6))
+    assert len(run.commands) > 10
+    assert_replays(bag, '--controller')

@@ -1,0 +1,143 @@
+"""Several plants, foreign messages beside one, and a foreign plant."""
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from impulse_control_ros.core.protocol import parse_state
+from impulse_control_ros.files.recording import read
+from test.nodes.runs import (
+    assert_replays,
+    assert_simulated,
+    assert_whole,
+    messages,
+    Run,
+    START,
+    UNDERDAMPED,
+)
+
+GARBAGE = b'\x00\x01\x00\x00' + b'\xff' * 60
+
+
+def message(stamp=(0, 0), frame_id='', name='axis', **fields):
+    made = JointState(name=[name], **fields)
+    made.header.stamp, made.header.frame_id = Time(sec=stamp[0], nanosec=stamp[1]), frame_id
+    return made
+
+
+def test_a_second_plant_is_ignored_until_the_first_has_left(graph, client):
+    run = Run(graph, client)
+    run.bag.with_name('bag-2').mkdir()  # the name is taken
+    second = run.start('plant_simulator', 'second', real_time_factor=0.0, duration=0.05)
+    third = run.start('plant_simulator', 'third', wait_for_recorder=False)
+    client.reported('second', steps=-1)
+    client.spin_until(lambda: client.count_of('controller', 'other_run'), 'states of another run')
+    client.spin_until(lambda: client.count_of('recorder', 'foreign'), 'states of another run')
+    third.kill()
+    first = parse_state(run.states[0].header.frame_id).run
+    before = len(run.states)
+    client.spin_until(lambda: len([one for one in run.states[before:] if parse_state(
+        one.header.frame_id).run == first]) > 50, 'more of the first run')
+    assert second.running
+    assert run.plant.interrupt() == 0
+    assert second.wait() == 0, second.output
+    assert second.totals['accepted'] == 501
+    recordings = [run.finish(), read(run.bag.with_name('bag-3'))]
+    for recording in recordings:
+        assert_whole(recording)
+        assert_simulated(recording)
+    assert int(recordings[0].receipt['foreign']) > 0
+    assert recordings[0].run == first
+    assert len(recordings[1].states) == len(recordings[1].commands) == 501
+    assert {topic for topic, *_ in messages(run.bag)} == {
+        '/joint_states', '/joint_commands', '/impulse_events', '/run_parameters'}
+    assert not list(run.bag.with_name('bag-2').iterdir())
+
+
+def test_what_others_say_beside_a_run_is_counted_and_changes_nothing(graph, client):
+    run = Run(graph, client)
+    states = client.publisher('/joint_states', JointState, 'controller', 'recorder')
+    commands = client.publisher('/joint_commands', JointState, 'plant_simulator', 'recorder')
+    states.publish(message((1, 0), position=[1.0], velocity=[0.0]))
+    states.publish(message((1, 0), name='elbow', position=[1.0]))
+    states.publish(message((1, 0), frame_id='run:0badcafe.0', position=[1.0], velocity=[0.0]))
+    states.publish(GARBAGE)
+    for effort in ([np.nan], [np.inf], []):
+        commands.publish(message((1, 0), effort=effort))
+    commands.publish(message((1, 0), name='elbow', effort=[1.0]))
+    commands.publish(GARBAGE)
+    for stamp in ((0, 0), (0, 5), (1, 0), (2**31 - 1, 0)):
+        commands.publish(message(stamp, effort=[1000.0]))
+    commands.publish(message((1, 0), 'run:0badcafe.0 /controller#1234', effort=[1000.0]))
+    client.reported('plant_simulator', rejected=5, ignored=4, other_run=1)
+    client.reported('controller', rejected=2, other_run=1)
+    run.reach(50)
+    recording = run.finish()
+    assert_whole(recording)
+    assert_simulated(recording)
+    assert_replays(run.bag)
+    # what is foreign is kept, as it is told; what is of another run is not
+    kept = [raw for topic, *_, raw in messages(run.bag) if topic == '/joint_states']
+    assert len(kept) > len(recording.states)
+    assert not [raw for raw in kept if b'0badcafe' in raw]
+    assert not run.bag.with_name('bag-2').exists()
+
+
+def foreign_states(client, count, start=START):
+    """Publish states as a driver does, one for each command; returns the commands."""
+    states = client.publisher('/joint_states', JointState, 'controller', 'recorder')
+    commands = client.listen('/joint_commands', JointState)
+    client.reported('recorder', written=0)
+    for k in range(count):
+        position = 0.5 - 0.01 * k
+        stamp = divmod(start + k * 1_000_000, 10**9)
+
+        def answered(stamp=stamp, position=position):
+            states.publish(message(stamp, name='axis', position=[position], velocity=[-1.0]))
+            return [one for one in commands
+                    if (one.header.stamp.sec, one.header.stamp.nanosec) == stamp]
+        client.spin_until(answered, f'the answer to state {k}')
+    return commands
+
+
+def test_a_foreign_plant_is_answered_and_recorded(graph, client):
+    bag = graph.folder / 'bag'
+    controller = graph.start('controller', time_step=0.001, position_deadband=0.005,
+                             state_timeout=0.0)
+    recorder = graph.start('recorder', bag=bag)
+    commands = foreign_states(client, 100)
+    assert {one.header.frame_id for one in commands} == {'', 'position_zero'}
+    assert all(one.name == ['axis'] and len(one.effort) == 1 for one in commands)
+    for process in (recorder, controller):
+        assert process.interrupt() == 0, process.output
+    recording = read(bag)
+    assert recording.run == ''
+    assert len(recording.commands) == 100
+    assert np.array_equal(np.diff(recording.states['stamp']), np.full(99, 1_000_000))
+    assert len(recording.impulses) == sum(one.header.frame_id != '' for one in commands) > 0
+    change, = recording.controllers
+    assert change.node == '/controller'
+    assert change.stamp == START
+    assert_replays(bag, '--controller')
+
+
+def test_two_controllers_of_a_foreign_plant_are_warned_about(graph, client):
+    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}',
+                               time_step=0.001) for name in ('one', 'two')]
+    states = client.publisher('/joint_states', JointState, 'one', 'two')
+    states.publish(message((1, 0), position=[0.5], velocity=[0.0]))
+    for controller in controllers:
+        controller.says('several controllers')
+    for controller in controllers:
+        assert controller.interrupt() == 0
+
+
+def test_a_plant_waits_for_its_controller_without_end(graph, client):
+    states = client.listen('/joint_states', JointState)
+    plant = graph.start('plant_simulator', config=UNDERDAMPED, wait_for_recorder=False,
+                        command_timeout=0.1)
+    client.spin_until(lambda: len(states) > 10, 'a state that comes again')
+    assert len({one.header.frame_id for one in states}) == 1
+    assert len({(one.header.stamp.sec, one.header.stamp.nanosec) for one in states}) == 1
+    client.reported('plant_simulator', steps=0, accepted=0)
+    assert plant.interrupt() == 0
