@@ -10,8 +10,8 @@ from test.conftest import ROOT
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 import peers  # noqa: E402 (a script beside its own modules)
 
-CASES = {'composed_floor', 'composed', 'composed_recorded', 'two_process_floor', 'two_process',
-         'three_process'}
+CASES = {'composed_floor', 'composed', 'composed_recorded', 'simulate', 'two_process_floor',
+         'best_effort_floor', 'two_process', 'three_process'}
 
 
 PLANTS = ('plain', 'friction', 'noise', 'friction_noise')

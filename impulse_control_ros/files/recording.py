@@ -244,5 +244,7 @@ def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
     """
     is_reset, header = states.rows['is_reset'], states.origins[states.origin[0]].header
     is_reset[1:] = np.diff(states.told(lambda origin: origin.header.episode)) != 0
-    start = next((change.stamp for change in changes if change.is_plant and change.anew), None)
-    is_reset[0] = start == states.stamps[0] if start else header == StateHeader(header.run)
+    # a plant that waits for the wall clock tells its parameters again at its start
+    starts = {change.stamp for change in changes if change.is_plant and change.anew}
+    is_reset[0] = (states.stamps[0] in starts if starts
+                   else header == StateHeader(header.run))

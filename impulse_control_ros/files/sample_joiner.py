@@ -272,6 +272,8 @@ class SampleJoiner:
             if not (follows or everything):
                 break
             states.popleft()
+            if command is None and follows and self.plant.lockstep and not self._answered:
+                continue  # it was answered before we joined
             if self._loose:
                 entries += self._loose_until(stamp, PARAMETERS)
             entries.append((stamp, STATES, raw))

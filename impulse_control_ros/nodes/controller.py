@@ -168,6 +168,7 @@ class Controller(ManagedNode):
             self._counts['standby'] += 1
             if header.controller != self._active_other:
                 self._active_other = header.controller
+                self._timeout.forget()
                 self.get_logger().info(
                     f'{name_of(header.controller)} is the active controller: standing by')
         elif reply is Reply.OTHER_RUN:
@@ -217,7 +218,9 @@ class Controller(ManagedNode):
     def poll(self) -> float:
         """Command 0 N where states stay away from a plant that does not wait."""
         timeout = self.parameters.state_timeout
-        if not (timeout and self.active and self.plants.run_freely(self._states.run)):
+        # the stamp of the last answer is 0 while standing by
+        if not (timeout and self.active and self._states.stamp
+                and self.plants.run_freely(self._states.run)):
             return IDLE
         was_deserted = self._timeout.deserted
         if self._timeout.is_due(self.answers.sent, monotonic(), timeout):

@@ -39,15 +39,15 @@ class RecordedTopics:
     def _add(self, topic: str, kind: str, outputs: Sequence[Output], qos: QoSProfile
              ) -> None:
         name, channel = self._node.resolve_topic_name(topic), len(self._kinds) + 1
-        self._kinds[name] = kind
         self._wanted.discard(name)
-        append = self.inbox.append
-        for output in outputs:
-            output.connect(lambda raw: append((channel, raw, time_ns())))
         if not outputs:
             made = self._node.create_subscription(
                 message_class(kind), topic, unused, qos, raw=True)
             self.polled[made] = channel
+        self._kinds[name] = kind
+        append = self.inbox.append
+        for output in outputs:
+            output.connect(lambda raw: append((channel, raw, time_ns())))
 
     def find_wanted(self) -> None:
         """Subscribe to the wanted topics that have appeared on the graph."""

@@ -69,7 +69,7 @@ def pieces_of(recording: Recording, stamps: np.ndarray, is_reset: np.ndarray,
     axes, first = {}, None
     if recording.plant:
         axes = {at: axis for at, _, axis in located(stamps, recording, PlantParameters, {})}
-        first = next(histories(recording, PlantParameters, {}))[2]
+        first = axis_at_start(recording)
     anew = {0, *np.flatnonzero(is_reset).tolist()}
     behind = np.searchsorted(stamps, recording.withdrawn, 'right')
     anew |= set(behind[behind < len(stamps)].tolist())
@@ -85,6 +85,14 @@ def pieces_of(recording: Recording, stamps: np.ndarray, is_reset: np.ndarray,
         controller = controllers.get(at, controller)
         pieces.append(Piece(at, axis, controller, at in anew, before if is_reset[at] else None))
     return pieces
+
+
+def axis_at_start(recording: Recording) -> PlantParameters:
+    """Return the plant as the first state has it: a change at its stamp acts behind it."""
+    start = recording.states['stamp'][0]
+    before = [axis for stamp, anew, axis in histories(recording, PlantParameters, {})
+              if stamp < start or (anew and stamp == start)]
+    return before[-1] if before else next(histories(recording, PlantParameters, {}))[2]
 
 
 def located(stamps: np.ndarray, recording: Recording, kind: type[Parameters],
@@ -153,8 +161,7 @@ def closed_loop(recording: Recording) -> Rerun:
     step, recorded = nanoseconds(first.time_step, 'time_step'), states_of(recording)
     if not first.lockstep:
         raise BagError('the run was free (lockstep: false): it depended on the wall clock')
-    start = recording.plant[0]
-    if not start.anew or start.stamp != recorded['stamp'][0]:
+    if recorded['stamp'][0] not in {change.stamp for change in recording.plant if change.anew}:
         raise BagError(f'the bag begins in mid-run, at {recorded["stamp"][0] / 1e9:.9f} s')
     ticks = (recorded['stamp'] - recorded['stamp'][0]) // step
     stamps = recorded['stamp'][0] + step * np.arange(ticks[-1] + 1)

@@ -1,23 +1,32 @@
-"""A few of the rounds of random faults; docs/reliability.md has the figures of many."""
+"""Some rounds of random faults; docs/reliability.md has the figures of many."""
 
 import random
 
+import numpy as np
+import pytest
+
 from impulse_control_ros.files.recording import read
-from test.nodes.fault_rounds import kill_round, long_run, stop_round
+from test.nodes.fault_rounds import kill_round, stop_round
+from test.nodes.long_run import long_run
+from test.nodes.runs import assert_replays, NODES
+
+pytestmark = pytest.mark.soak
 
 
-def test_a_controller_killed_at_a_random_sample_and_started_again_loses_no_state(graph, client):
-    kill_round(graph, client, 'controller', random.Random('controller'))
-
-
-def test_a_plant_stopped_at_a_random_sample_for_seconds_changes_no_bit(graph, client):
-    stop_round(graph, client, 'plant_simulator', random.Random('plant_simulator'))
+@pytest.mark.parametrize('victim', NODES)
+@pytest.mark.parametrize('kind', [kill_round, stop_round])
+@pytest.mark.parametrize('number', range(3))
+def test_a_node_that_is_killed_or_stopped_at_a_random_sample_costs_nothing(
+        graph, client, kind, victim, number):
+    kind(graph, client, victim, random.Random(f'{victim} {number}'))
 
 
 def test_a_composed_run_with_faults_from_outside_loses_no_sample(graph, client):
-    bag, done = long_run(graph, client, 9, random.Random(1), seconds=1.0)
-    assert len(done) == sum(done.values()) == 9
-    marked = read(bag).states[['position', 'velocity', 'marked']]
-    marked = marked[marked['marked']]
-    assert len(marked) == 1 + done['reset']
-    assert all(row.item() == (0.5, 0.0, True) for row in marked)
+    bag, done = long_run(graph, client, 14, random.Random(1), seconds=1.0)
+    assert len(done) == 7
+    assert sum(done.values()) == 14
+    started = read(bag).states
+    started = started[started['is_reset']]
+    assert len(started) == 1 + done['reset']
+    assert np.array_equal(started['position'], np.full(len(started), 0.5))
+    assert_replays(bag)

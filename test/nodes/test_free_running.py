@@ -76,16 +76,21 @@ def test_a_free_plant_holds_the_effort_of_a_killed_controller_and_another_takes_
     plant = graph.start('plant_simulator', **FREE)
     states = client.listen('/joint_states', JointState)
     commands = client.listen('/joint_commands', JointState)
-    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}', **COARSE)
-                   for name in ('one', 'two')]
+    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}', **COARSE,
+                               x_r=x_r) for name, x_r in (('one', 0.2), ('two', -0.2))]
     client.spin_until(lambda: states and controller_of(states[-1]), 'a controller')
     first, second = sorted(('/one', '/two'),
                            key=lambda name: name != controller_of(states[-1]))
     client.spin_until(lambda: client.count_of(second[1:], 'standby'), 'who stands by')
     begun = len(commands)
     client.spin_until(lambda: len(commands) > begun + 50, 'commands')
+    # also without states a controller that stands by sends nothing
+    assert client.call('/plant_simulator/pause', SetBool, data=True).success
+    client.reported(first[1:], steps_per_second='0.0')
+    assert client.call('/plant_simulator/pause', SetBool, data=False).success
     assert {name_of(parse_command(one.header.frame_id).author) for one in commands[begun:]} == {
         first}
+    assert '0 N' not in controllers[first == '/one'].output
     controllers[first == '/two'].kill()
     client.spin_until(lambda: controller_of(states[-1]) == second, 'the one that takes over')
     left = max(at for at, state in enumerate(states) if controller_of(state) == first)

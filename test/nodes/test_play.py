@@ -1,6 +1,5 @@
 """A bag played by rosbag2 reaches our nodes: what it would offer, against what they request."""
 
-import pytest
 from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
@@ -10,16 +9,19 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from std_msgs.msg import Float64
 import yaml
 
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.nodes.topics import qos_keys
-from test.conftest import CONFIG
+from test.nodes.runs import Run
 
 NEEDED = {('controller', '/joint_states'), ('controller', '/setpoint'),
-          ('plant_simulator', '/joint_commands'), ('recorder', '/joint_states'),
-          ('recorder', '/joint_commands'), ('recorder', '/impulse_events'),
-          ('recorder', '/damping')}
+          ('controller', '/run_parameters'), ('plant_simulator', '/joint_commands'),
+          ('recorder', '/joint_states'), ('recorder', '/joint_commands'),
+          ('recorder', '/impulse_events'), ('recorder', '/run_parameters'),
+          ('recorder', '/damping'), ('recorder', '/setpoint')}
+TOPICS = sorted({topic for _, topic in NEEDED})
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 UNRECORDED = {'reliability': 'reliable', 'durability': 'volatile', 'deadline': FOREVER,
               'lifespan': FOREVER, 'liveliness': 'automatic',
@@ -46,31 +48,25 @@ def offered_by_play(profiles):
     return profile(profiles[0] if profiles else UNRECORDED)
 
 
-@pytest.fixture
-def offers(recorded):
-    content = yaml.safe_load((recorded / 'left' / 'metadata.yaml').read_text())
-    return {topic['topic_metadata']['name'].removeprefix('/left'): topic['topic_metadata'][
-        'offered_qos_profiles']
-        for topic in content['rosbag2_bagfile_information']['topics_with_message_count']}
-
-
-def test_play_offers_every_node_what_it_requests(offers, graph, client):
-    process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={graph.folder}/bag',
-                          config=CONFIG / 'axis.yaml')
+def test_play_offers_every_node_what_it_requests_and_a_bag_says_what_was_offered(graph, client):
+    run = Run(graph, client)
+    client.node.create_publisher(Float64, '/setpoint', 10)
 
     def requests():
-        return {(end.node_name, topic): end.qos_profile for topic in offers
-                for end in client.node.get_subscriptions_info_by_topic(topic)}
+        return {(end.node_name, topic): end.qos_profile for topic in TOPICS
+                for end in client.node.get_subscriptions_info_by_topic(topic)
+                if end.node_name != 'test_client'}
 
     client.spin_until(lambda: requests().keys() >= NEEDED, 'the subscriptions of our nodes')
-    for (node, topic), request in requests().items():
-        verdict, why = qos_check_compatible(offered_by_play(offers[topic]), request)
+    requested = requests()
+    run.finish()
+    content = yaml.safe_load((run.bag / 'metadata.yaml').read_text())
+    offers = {topic['topic_metadata']['name']: topic['topic_metadata']['offered_qos_profiles']
+              for topic in content['rosbag2_bagfile_information']['topics_with_message_count']}
+    for (node, topic), request in requested.items():
+        verdict, why = qos_check_compatible(offered_by_play(offers.get(topic, [])), request)
         assert verdict == QoSCompatibility.OK, f'{node} on {topic}: {why}'
-    assert process.interrupt() == 0
-
-
-def test_a_profile_in_a_bag_is_the_one_that_was_offered(offers):
-    for profiles in offers.values():
-        for keys in profiles:
-            assert {**qos_keys(profile(keys)), 'history': keys['history'],
-                    'depth': keys['depth']} == keys
+    assert offers['/run_parameters'][0]['durability'] == 'transient_local'
+    for keys in (keys for profiles in offers.values() for keys in profiles):
+        assert {**qos_keys(profile(keys)), 'history': keys['history'],
+                'depth': keys['depth']} == keys

@@ -1,9 +1,9 @@
 """What the controller sends when it cannot know better: nothing but a finite effort, or zero."""
 
 
-import pytest
 import math
 
+import pytest
 from sensor_msgs.msg import JointState
 
 from test.nodes.runs import stamp_of

@@ -216,3 +216,17 @@ def test_a_state_without_its_stamp_is_in_no_run(tmp_path, capsys, made):
     messages = [(START, STATES, nothing), *all_told(made), *entries(run)]
     assert main(StopRequest(), [str(elsewhere(tmp_path / 'bag', made, messages)),
                                 '--closed-loop']) == 0
+
+
+def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_path, capsys, made):
+    axis, gains = made.plant_simulator, made.controller
+    moved, heavy = replace(axis, x_0=0.3), replace(axis, x_0=0.3, m=0.12)
+    (_, run, _), = computed([Piece(0, heavy, gains, True, moved)], 301)
+    messages = [told(PLANT, axis.flat()), told(PLANT, moved.flat(), ['x_0']),
+                told(PLANT, moved.flat()), told(PLANT, heavy.flat(), ['m']),
+                told(CONTROLLER, gains.flat()), *entries(run)]
+    for record in (ours, elsewhere):
+        assert main(StopRequest(), [str(record(tmp_path / record.__name__, made, messages)),
+                                    '--closed-loop']) == 0
+        said = capsys.readouterr()
+        assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)

@@ -4,15 +4,15 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from test.core.protocol_model import World
-from test.core.protocol_moves import is_fed, moves
-from test.core.protocol_recorder import Violation
+from test.core.protocol_model.moves import is_fed, moves
+from test.core.protocol_model.recorder import require, Violation
+from test.core.protocol_model.world import World
 
-PATIENCE = 200  # moves of a fair schedule within which the plant steps
+ENOUGH = 200  # moves of a fair schedule within which the plant steps
 
 
 class Found(NamedTuple):
-    """What a search has seen; ``broken`` is the rule that does not hold, '' for none."""
+    """``worlds`` were seen; ``broken`` is the property that does not hold, '' for none."""
 
     worlds: int
     broken: str = ''
@@ -20,7 +20,7 @@ class Found(NamedTuple):
 
 
 def search(starts: Iterable[World], last_tick: int) -> Found:
-    """Search all worlds up to ``last_tick``, shortest first, until a rule is broken."""
+    """Search all worlds up to ``last_tick``, shortest traces first, until a property is broken."""
     parents: dict[World, World | None] = dict.fromkeys(starts)
     queue = deque(parents)
     steps: set[World] = set()  # a fair schedule lets the plant step from here
@@ -33,7 +33,8 @@ def search(starts: Iterable[World], last_tick: int) -> Found:
                     queue.append(after)
             require_progress(world, steps)
         except Violation as broken:
-            return Found(len(parents), str(broken), tuple(trace(world, parents)))
+            rule, *what = map(str, broken.args)
+            return Found(len(parents), rule, (*trace(world, parents), ' '.join(what)))
     return Found(len(parents))
 
 
@@ -43,16 +44,16 @@ def require_progress(world: World, steps: set[World]) -> None:
     while at.plant.tick == world.plant.tick and at not in steps and is_fed(at):
         path.append(at)
         at = next(moves(at))[1]
-        if len(path) > PATIENCE:
-            raise Violation('the plant steps whenever it and a controller live')
+        require(len(path) < ENOUGH, '2: the plant steps whenever it and a controller live')
     steps.update(path)
 
 
 def trace(world: World, parents: dict[World, World | None]) -> list[str]:
-    """Return what happened up to a world."""
+    """Return what has led to a world."""
     before = parents[world]
     if before is None:
         return [f'start with {world.bound}']
     what = next(what for what, after in moves(before) if after == world)
-    cost = ' with a fault' * (world.bound.faults < before.bound.faults)
-    return [*trace(before, parents), f'{what}{cost}']
+    spent = [f'({name})' for name, left in world.bound._asdict().items()
+             if left < getattr(before.bound, name)]
+    return [*trace(before, parents), ' '.join(map(str, (*what, *spent)))]

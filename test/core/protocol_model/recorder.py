@@ -1,10 +1,11 @@
 """
-The recorder of the protocol's model: it joins states and commands to samples by (run, stamp).
+The messages of the protocol's model, and its recorder: files/sample_joiner.py in a few lines.
 
-A sample is complete when its state, the state after it and the command of the author whom that
-one names are there. The first copy of a state counts: a later one may name whoever has answered
-it. The recorder's progress is the newest state behind which nothing is awaited; so a recorder
-that has just joined tells of its first state at once, though no command may ever come for it.
+A sample is written once its state, the next state and the command of the author whom that one
+names are there. The first copy of a state tells who acted before it; whoever answers it the plant
+names in a later copy. `Recorder.reached` is the last tick whose command is there, or is missing
+because its author has sent a later one or was given up. test_protocol.py drives the real joiner
+through the same messages.
 """
 
 from typing import NamedTuple
@@ -27,6 +28,9 @@ class State(NamedTuple):
     header: StateHeader
     tick: int
 
+    def __str__(self):
+        return f'state {self.tick} {self.header.frame_id}'
+
 
 class Command(NamedTuple):
     """A command on its way; ``run`` and ``memory`` tell of which states its effort is made."""
@@ -36,13 +40,16 @@ class Command(NamedTuple):
     stamp: int
     memory: tuple[int, ...]
 
+    def __str__(self):
+        return f'the command of {self.header.author} for state {self.stamp - 1} of {self.run}'
+
 
 class Recorder(NamedTuple):
     """``pending`` has the states from the first open sample on; ``commands`` those for them."""
 
     id: str
     alive: bool = True
-    hears: frozenset[str] = frozenset()  # the processes that it has discovered
+    hears: frozenset[str] = frozenset()  # the writers that it has discovered
     run: str = ''
     reached: int = -1
     pending: tuple[State, ...] = ()
@@ -72,26 +79,28 @@ def give_up(recorder, acted):
 
 def settle(recorder, acted):
     """Write the samples that are complete: their effort is the one that acted."""
-    pending, reached = recorder.pending, recorder.reached
-    while pending:
-        stamp = pending[0].tick + 1
-        author = pending[1].header.controller if pending[1:] else recorder.named
-        import os
-        if 'J' in os.environ.get('V',''): author = pending[1].header.controller if pending[1:] else ''
+    while recorder.pending:
+        stamp, author = recorder.pending[0].tick + 1, author_of_first(recorder)
         found = [one for one in recorder.commands
-                 if (one.header.author == author or 'J' in os.environ.get('V','') and not author) and one.stamp >= stamp]
+                 if one.header.author == author and one.stamp >= stamp]
         if not found:
             break
-        reached = pending[0].tick
-        if len(pending) == 1:
+        recorder = recorder._replace(reached=recorder.pending[0].tick)
+        if len(recorder.pending) == 1:
             break
         command = min(found, key=lambda one: one.stamp)
         require(command.stamp > stamp or command in acted,
-                'the effort that is recorded is the one that acted')
-        pending = pending[1:]
-    oldest = pending[0].tick + 1 if pending else 0
-    return recorder._replace(pending=pending, reached=reached, commands=tuple(
+                '4: the effort that is recorded is the one that acted')
+        recorder = recorder._replace(pending=recorder.pending[1:])
+    oldest = recorder.pending[0].tick + 1 if recorder.pending else 0
+    return recorder._replace(commands=tuple(
         one for one in recorder.commands if one.stamp >= oldest))
+
+
+def author_of_first(recorder):
+    """Return whose command belongs to the first open sample, '' where nobody has said so yet."""
+    return (recorder.pending[1].header.controller if len(recorder.pending) > 1
+            else recorder.named)
 
 
 def may_join(command, recorder, states):

@@ -1,5 +1,5 @@
 """
-What can happen next in a world of protocol_model.py, in the order of a fair schedule.
+What can happen next in a world of the protocol's model, in the order of a fair schedule.
 
 Messages of one writer arrive in order, at any time; those of two runs of the plant come from two
 writers. A timeout fires when nothing else can happen, or at the price of a fault. A process is
@@ -10,43 +10,36 @@ what a killed writer has not yet got through to the recorder.
 from collections.abc import Iterator
 
 from impulse_control_ros.core.protocol import FOREIGN, RUN_TIMEOUT, StateHeader
-from test.core import protocol_recorder as joiner
-from test.core.protocol_model import (
-    Bound,
+from test.core.protocol_model.processes import (
     COMMAND_TIMEOUT,
-    Controller,
     drop,
     on_command,
     on_silence,
     on_state,
     PATIENCE,
-    Plant,
     poll,
     publish,
-    put,
-    spend,
-    World,
-    Worlds,
 )
-from test.core.protocol_recorder import Recorder, State, Violation
+from test.core.protocol_model.recorder import give_up, Recorder, State, Violation
+from test.core.protocol_model.world import Bound, Controller, Plant, put, spend, World, Worlds
 
-Moves = Iterator[tuple[object, World]]  # what happens, in words or as (receiver, message)
+Moves = Iterator[tuple[tuple[object, ...], World]]  # what happens, in words
 
 
 def start(ids: tuple[str, ...], recorder: str, bound: Bound) -> Worlds:
     """Yield the worlds in which the plant has just published its first state."""
     none = ((),) * len(ids)
     yield from publish(World(
-        Plant(StateHeader('run1')), tuple(map(Controller, ids)),
+        Plant(StateHeader('00000001')), tuple(map(Controller, ids)),
         Recorder(recorder, alive=bool(recorder)), bound, not bound.faults, none, none, (), ()))
 
 
-def each(what: object, worlds: Worlds) -> Moves:
+def each(worlds: Worlds, *what: object) -> Moves:
     try:
         for world in worlds:
             yield what, world
     except Violation as broken:
-        raise Violation(f'{what}: {broken}') from None
+        raise Violation(str(broken), *what) from None
 
 
 def moves(world: World) -> Moves:
@@ -55,19 +48,19 @@ def moves(world: World) -> Moves:
     for move in deliveries(world):
         quiet = False
         yield move
-    if quiet and len(recorder.pending) > 1:
-        yield 'recorder gives up', world._replace(
-            recorder=joiner.give_up(recorder, world.acted))
+    if quiet and len(recorder.pending) > 1 and (recorder.commands or recorder.reached >= 0):
+        yield ('recorder gives up',), world._replace(
+            recorder=give_up(recorder, world.acted))
     for name, _ in plant.joined:
         if not (recorder.alive and name == recorder.id):
-            yield from each('recorder_timeout', drop(world, name))
+            yield from each(drop(world, name), 'recorder_timeout')
     if plant.alive and quiet:
         if plant.awaits or not is_alive(world, plant.header.controller):
-            yield from each('command_timeout', on_silence(world, COMMAND_TIMEOUT))
-        yield from each('published again', on_silence(world, PATIENCE))
+            yield from each(on_silence(world, COMMAND_TIMEOUT), 'command_timeout')
+        yield from each(on_silence(world, PATIENCE), 'published again')
     elif plant.alive and world.bound.copies:
-        yield from each('published again early', on_silence(world._replace(
-            bound=spend(world.bound, 'copies')), PATIENCE))
+        yield from each(on_silence(world._replace(
+            bound=spend(world.bound, 'copies')), PATIENCE), 'published again')
     yield from starts(world)
     if world.bound.faults:
         yield from faults(world._replace(bound=spend(world.bound, 'faults')), quiet)
@@ -85,11 +78,11 @@ def is_alive(world: World, controller: str) -> bool:
 def deliveries(world: World) -> Moves:
     plant = world.plant
     if world.recorder.alive:
-        yield from each('recorder polls', poll(world))
+        yield from each(poll(world), 'recorder polls')
     for at, waiting in enumerate(world.commands):
         if waiting and plant.alive:
             left = world._replace(commands=put(world.commands, at, waiting[1:]))
-            yield from each(('plant', waiting[0]), on_command(left, waiting[0]))
+            yield from each(on_command(left, waiting[0]), 'plant gets', waiting[0])
     for at, waiting in enumerate(world.states):
         one = world.controllers[at]
         for state in heads(waiting, one.last.run):
@@ -97,7 +90,8 @@ def deliveries(world: World) -> Moves:
             left = world._replace(states=put(
                 world.states, at, waiting[:first] + waiting[first + 1:]))
             for quiet in quiet_times(world, at, state):
-                yield from each((one.id, state, quiet), on_state(left, at, state, quiet))
+                yield from each(on_state(left, at, state, quiet), one.id, 'gets', state,
+                                *['after silence'] * (quiet > 0))
 
 
 def heads(waiting: tuple[State, ...], first: str | None) -> list[State]:
@@ -121,14 +115,14 @@ def quiet_times(world: World, at: int, state: State) -> tuple[float, ...]:
 def starts(world: World) -> Moves:
     plant, recorder = world.plant, world.recorder
     if not plant.alive:
-        yield from each('plant starts', publish(world._replace(
-            plant=Plant(StateHeader(successor(plant.header.run))))))
+        yield from each(publish(world._replace(
+            plant=Plant(StateHeader(successor(plant.header.run))))), 'plant starts')
     for at, one in enumerate(world.controllers):
         if not one.alive and one.id != FOREIGN:
-            yield 'controller starts', world._replace(controllers=put(
+            yield ('controller starts',), world._replace(controllers=put(
                 world.controllers, at, Controller(successor(one.id))))
     if recorder.id and not recorder.alive:
-        yield 'recorder starts', world._replace(recorder=Recorder(successor(recorder.id)))
+        yield ('recorder starts',), world._replace(recorder=Recorder(successor(recorder.id)))
 
 
 def successor(name: str) -> str:
@@ -138,22 +132,22 @@ def successor(name: str) -> str:
 def faults(world: World, quiet: bool) -> Moves:
     plant, recorder = world.plant, world.recorder
     if plant.alive and not quiet:
-        yield from each('command_timeout early', on_silence(world, COMMAND_TIMEOUT))
+        yield from each(on_silence(world, COMMAND_TIMEOUT), 'command_timeout early')
     if recorder.alive and recorder.id in dict(plant.joined):
-        yield from each('recorder_timeout early', drop(world, recorder.id))
+        yield from each(drop(world, recorder.id), 'recorder_timeout early')
     if plant.alive and not is_alive(world, FOREIGN):  # it knows no run: two are one to it
         after = world._replace(
             plant=plant._replace(alive=False, joined=()), commands=((),) * len(world.commands),
             recorder=deaf(recorder, plant.header.run))
-        yield 'plant is killed', after
+        yield ('plant is killed',), after
         if after.recorded_states:
-            yield 'plant is killed before its states are through', after._replace(
+            yield ('plant is killed before its states are through',), after._replace(
                 recorded_states=())
     for at, one in enumerate(world.controllers):
         if one.alive:
             yield from kill(world, at)
     if recorder.alive:
-        yield 'recorder is killed', world._replace(
+        yield ('recorder is killed',), world._replace(
             recorder=Recorder(recorder.id, alive=False), recorded_states=(), recorded_commands=())
 
 
@@ -162,10 +156,10 @@ def kill(world: World, at: int) -> Moves:
     after = world._replace(
         controllers=put(world.controllers, at, Controller(name, alive=False)),
         states=put(world.states, at, ()), recorder=deaf(world.recorder, name))
-    yield f'{name} is killed', after
+    yield (name, 'is killed'), after
     through = tuple(one for one in sent if one.header.author != name)
     if through != sent:
-        yield f'{name} is killed before its commands are through', after._replace(
+        yield (name, 'is killed before its commands are through'), after._replace(
             recorded_commands=through)
 
 
