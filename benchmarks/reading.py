@@ -12,6 +12,7 @@ per second, medians of the rounds, in which the two are interleaved. The last pa
 
 import argparse
 from collections.abc import Callable, Iterator
+from itertools import islice
 import json
 import os
 from pathlib import Path
@@ -64,8 +65,10 @@ def written(folder: Path, samples: int) -> Path:
         *divmod(SECOND, SECOND), NodeHeader(RUN, node).frame_id, parameters.flat(), {}))
         for node, parameters in (('/plant_simulator', experiment.plant_simulator),
                                  (CONTROLLER, experiment.controller)))
-    writer.write(messages(simulate(
-        experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND)))
+    series = messages(simulate(
+        experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND))
+    while part := list(islice(series, 10_000)):  # what is given at once is held at once
+        writer.write(part)
     writer.close()
     return writer.folder
 
