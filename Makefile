@@ -1,4 +1,6 @@
-# make demo: two runs of the underdamped axis, with and without impulses. make test: all tests.
+# make demo: two runs of the underdamped axis, with and without impulses. make test: all tests but
+# those that take minutes; make soak: these, random tests with many more examples, and ROUNDS of
+# faults, e.g. make soak ROUNDS='--kills 8 --stops 4 --minutes 60'.
 # A sourced ROS 2 Jazzy is used where there is one; else rclpy comes from PyPI (extra "ros").
 PYTHON ?= python3
 VENV ?= .venv
@@ -6,7 +8,7 @@ RUN := $(VENV)/bin
 SOURCED := $(and $(filter jazzy,$(ROS_DISTRO)),$(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes))
 EXTRAS := $(if $(SOURCED),[test],[ros,test])
 
-.PHONY: demo test check bench clean
+.PHONY: demo test soak check bench clean
 
 $(VENV)/.installed: setup.py pyproject.toml setup.cfg
 	$(PYTHON) -m venv $(if $(SOURCED),--system-site-packages) $(VENV)
@@ -19,6 +21,12 @@ demo: $(VENV)/.installed
 # two at a time: most tests wait for discovery, and each has a ROS domain of its own
 test: $(VENV)/.installed check
 	$(RUN)/python -m pytest -n 2 --dist loadfile
+
+# one at a time: some measure how soon a run goes on
+ROUNDS ?= --kills 3 --stops 3 --minutes 10
+soak: $(VENV)/.installed
+	IMPULSE_SOAK=1 $(RUN)/python -m pytest -m 'soak or hypothesis' --hypothesis-profile=thorough
+	IMPULSE_SOAK=1 $(RUN)/python -m test.nodes.fault_rounds $(ROUNDS)
 
 bench: $(VENV)/.installed
 	$(RUN)/python benchmarks/lockstep.py

@@ -82,6 +82,8 @@ class CommandArbiter:
 
     def drop_silent(self, timeout: float) -> bool:
         """Name nobody once the active controller has been silent; returns whether it was."""
+        if self._lockstep and not self.awaiting:
+            return False  # the next state names the author of the command that acts
         before, self.header = self.header, after_silence(self.header, self.silent, timeout)
         return before is not self.header and before.controller != ''
 

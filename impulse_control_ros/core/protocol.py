@@ -183,8 +183,8 @@ def step_limit(reached: Iterable[int], since: int) -> int:
 
     ``reached`` has the last tick that each of them has whole. ``since`` is the tick that all must
     have: that at which the last recorder joined or the last controller became active, for their
-    endpoints may not be matched yet. The plant sets it back to 0 when the active controller is
-    silent for command_timeout meanwhile: what they lack will not come.
+    endpoints may not be matched yet. When the active controller is silent for command_timeout
+    meanwhile, the plant takes the present tick as reached: what they lack will not come.
     """
     slowest = min(reached, default=ENDLESS)
     return slowest + WINDOW if slowest >= since else 0

@@ -40,7 +40,8 @@ class RecorderFlowControl:
             self._reached[recorder] = self._clock.tick - 1
             self.hold()
         if stamp_ns:
-            self._reached[recorder] = min(self._clock.tick_at(stamp_ns), self._clock.tick)
+            told = min(self._clock.tick_at(stamp_ns), self._clock.tick)
+            self._reached[recorder] = max(self._reached[recorder], told)
         self._update()
         return news
 
@@ -62,7 +63,8 @@ class RecorderFlowControl:
 
     def let_go(self) -> None:
         """Wait no longer for what a recorder lacks: it will not come."""
-        self._since = 0
+        for recorder, reached in self._reached.items():
+            self._reached[recorder] = max(reached, self._clock.tick)
         self._update()
 
     def _update(self) -> None:

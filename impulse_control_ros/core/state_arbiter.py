@@ -47,7 +47,8 @@ class StateArbiter:
         if last.run == header.run:
             self._heard_at = now
         self.run, self._episode, self.stamp = last
-        self._named = header if lockstep and header.controller == self._own_id else None
+        ours = lockstep and header.run == self.run and header.controller == self._own_id
+        self._named = header if ours else None
         self._due = self.stamp + self._step_ns
         return reply
 

@@ -28,9 +28,13 @@ DURATION = 0.5
 PLANT = {'duration': DURATION, 'real_time_factor': 0.2}
 
 
-def reach_any(run, rng):
-    """Serve up to any sample; returns whether it is not the time before the first one."""
-    at = rng.randrange(-500, round(DURATION / 1e-4) - 50)
+def reach_any(run, rng, left=50):
+    """
+    Serve up to any sample; returns whether it is not the time before the first one.
+
+    At least so many are ``left``, as far as the client has heard.
+    """
+    at = rng.randrange(-500, round(DURATION / 1e-4) - left)
     run.reach(max(at, 0))
     assert run.plant.running
     return at >= 0
@@ -49,7 +53,8 @@ def kill_round(graph, client, victim, rng):
     Returns the number of commands that are not in a bag.
     """
     run = Run(graph, client, begun=0, plant_simulator=PLANT)
-    begun = reach_any(run, rng)
+    # a recorder is to join before the run is over
+    begun = reach_any(run, rng, left=1500 if victim == 'recorder' else 50)
     {'plant_simulator': run.plant, 'controller': run.controller,
      'recorder': run.recorder}[victim].kill()
     first = run.bag

@@ -7,7 +7,6 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 import numpy as np
-import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
@@ -84,15 +83,26 @@ def test_a_plant_that_is_killed_and_started_again_is_another_run_in_another_bag(
         assert_replays(bag)
 
 
+def whole_messages(bag):
+    """Return how many messages the library finds in a file that was cut off."""
+    with (bag / f'{bag.name}_0.mcap').open('rb') as stream, suppress(EndOfFile):
+        found = 0
+        for record in StreamReader(stream).records:
+            found += isinstance(record, Message)
+    return found
+
+
 def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_nothing(
         graph, client):
-    run = Run(graph, client, plant_simulator={'recorder_timeout': 1.0, 'real_time_factor': 0.2})
-    run.reach(1000)
+    run = Run(graph, client, plant_simulator={'recorder_timeout': 1.0, 'real_time_factor': 0.5})
+    run.reach(2000)
     run.recorder.kill()
     run.reach(2000)  # more than the plant may be ahead of it
     killed = read(run.bag)
     assert killed.receipt == {}
     assert (np.diff(killed.states['stamp']) == STEP).all()
+    assert whole_messages(run.bag) >= 2 * len(killed.states) > 1000
+    client.reported('plant_simulator', recorders=0)
     run.bag = graph.folder / 'second'
     run.recorder = run.start('recorder', bag=run.bag)
     client.reported('plant_simulator', recorders=1)
@@ -122,17 +132,6 @@ def test_each_node_can_be_stopped_and_goes_on_without_a_bit_of_difference(graph,
     assert client.count_of('controller', 'rejected') == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_an_ended_recorder_leaves_a_finished_bag_and_the_run_goes_on(graph, client, number):
-    run = Run(graph, client)
-    run.recorder.send(number)
-    assert run.recorder.wait() == 0
-    run.reach(50)
-    assert_whole(read(run.bag))
-    assert_replays(run.bag)
-    assert run.plant.interrupt() == run.controller.interrupt() == 0
-
-
 def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(graph, client):
     run = Run(graph, client, plant_simulator={'real_time_factor': 0.0})
     run.recorder.limit_files(400_000)
@@ -148,17 +147,6 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(g
     with Reader(run.bag) as reader:
         assert reader.message_count == int(recording.receipt['messages'])
         assert reader.message_count == sum(1 for _ in reader.messages())
-
-
-def test_a_killed_recorder_leaves_a_file_of_whole_chunks(graph, client):
-    run = Run(graph, client, plant_simulator={'real_time_factor': 0.0})
-    client.spin_until(lambda: (run.bag / 'bag_0.mcap').stat().st_size > 100_000, 'a chunk')
-    run.recorder.kill()
-    states, found = len(read(run.bag).states), 0
-    with (run.bag / 'bag_0.mcap').open('rb') as stream, suppress(EndOfFile):
-        for record in StreamReader(stream).records:
-            found += isinstance(record, Message)
-    assert found >= 2 * states > 1000
 
 
 def test_an_endpoint_that_gets_nothing_for_its_quality_of_service_is_reported(graph, client):
