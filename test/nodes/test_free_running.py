@@ -111,7 +111,8 @@ def test_a_free_plant_without_a_controller_says_which_effort_it_holds(graph):
     assert plant.interrupt() == 0
 
 
-def test_a_controller_that_is_deactivated_or_ends_leaves_a_free_plant_without_effort(graph, client):
+def test_a_controller_that_is_deactivated_or_ends_leaves_a_free_plant_without_effort(
+        graph, client):
     plant = graph.start('plant_simulator', **FREE)
     controller = graph.start('controller', **COARSE, managed=True)
     states = client.listen('/joint_states', JointState)

@@ -49,6 +49,7 @@ def finish(client, process):
 def offered(client, *least):
     """Return name and type of the plant's services, ``least`` and those that came with them."""
     client.reported('plant_simulator', steps=0)  # so it has made everything
+    client.spin_until(lambda: 'plant_simulator' in client.nodes(), 'the plant')
 
     def listed():
         found = client.node.get_service_names_and_types_by_node('plant_simulator', '/')
