@@ -54,7 +54,7 @@ class Process:
         with log.open('wb') as out:
             self._popen = subprocess.Popen(
                 command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=env,
-                start_new_session=True, preexec_fn=die_with_parent)
+                start_new_session=True, preexec_fn=die_with_parent, cwd=log.parent)
 
     @property
     def output(self) -> str:

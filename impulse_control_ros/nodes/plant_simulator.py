@@ -41,7 +41,7 @@ from impulse_control_ros.nodes.plant_report import PlantReport
 from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SLOW_QOS
+from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
 ENDLESS = 2**62
@@ -72,8 +72,9 @@ class PlantSimulator(ParameterNode):
         SimulationInterfaces(self)
         self.parameters_changed({})
         if not composed:
-            self.create_subscription(
-                JointState, JOINT_COMMANDS, self.on_command, LOCKSTEP_QOS, raw=True)
+            # without lockstep nobody sends a lost command again, such as the last one of 0 N
+            qos = LOCKSTEP_QOS if parameters.lockstep else SERIES_QOS
+            self.create_subscription(JointState, JOINT_COMMANDS, self.on_command, qos, raw=True)
         self.create_subscription(
             Header, RECORDER_PROGRESS, self.on_progress, SLOW_QOS, raw=True)
 
