@@ -11,9 +11,16 @@ EXECUTABLES = (*NODES, 'closed_loop')
 
 
 def test_a_signal_during_the_imports_ends_a_node_without_a_traceback(graph):
-    for process in [graph.start(name) for name in EXECUTABLES]:
-        wait_for(lambda process=process: 'llvmlite' in process.memory_map, 'numba')
-        process.send(signal.SIGINT)
+    waiting = [graph.start(name) for name in EXECUTABLES]
+
+    def all_imported():  # numba, which takes the longest
+        for process in [one for one in waiting if 'llvmlite' in one.memory_map]:
+            process.send(signal.SIGINT)
+            waiting.remove(process)
+        return not waiting
+    started = list(waiting)
+    wait_for(all_imported, 'numba')
+    for process in started:
         assert process.wait() == 0, process.output
         assert 'Traceback' not in process.output
 
