@@ -10,7 +10,7 @@ from impulse_control_ros.core.careful import fresh_watch, packed_law
 from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
 from impulse_control_ros.core.plant import put_to_start, real_step
 from impulse_control_ros.core.replay import close_loop
-from impulse_control_ros.core.tick import nanoseconds, stamp
+from impulse_control_ros.core.tick import nanoseconds, seconds
 
 BLOCK = 10_000  # samples
 
@@ -65,5 +65,5 @@ def blocks_of(axis: Axis, controller: Controller, count: int, start_ns: int
     if good:
         yield before.make(good)
     _, position, velocity, *_ = probe.state[0]
-    sec, nanosec = stamp(first + good, start_ns, nanoseconds(axis.time_step, 'time_step'))
-    raise DivergedError(position, velocity, f'{sec}.{nanosec:09d}')
+    stamp_ns = start_ns + (first + good) * nanoseconds(axis.time_step, 'time_step')
+    raise DivergedError(position, velocity, seconds(stamp_ns))

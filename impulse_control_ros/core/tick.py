@@ -40,6 +40,11 @@ def samples_between(rate: float, time_step: float) -> int:
     return max(1, round(1.0 / (rate * time_step))) if rate else 0
 
 
+def seconds(stamp_ns: int) -> str:
+    """Return a stamp [ns] in seconds, to the last digit."""
+    return f'{stamp_ns // SECOND}.{stamp_ns % SECOND:09d}'
+
+
 class SampleClock:
     """
     Samples ``step_ns`` apart, from ``start_ns`` on.
@@ -62,8 +67,7 @@ class SampleClock:
 
     def seconds(self, ahead: int = 0) -> str:
         """Return the stamp of the sample ``ahead`` of the present one, in seconds."""
-        sec, nanosec = stamp(max(0, self.tick + ahead), self.start_ns, self.step_ns)
-        return f'{sec}.{nanosec:09d}'
+        return seconds(self.start_ns + max(0, self.tick + ahead) * self.step_ns)
 
     def tick_at(self, stamp_ns: int) -> int:
         """Return the tick of a stamp [ns]."""

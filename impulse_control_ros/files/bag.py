@@ -75,10 +75,7 @@ class BagWriter:
 
     def add_topic(self, topic: Topic) -> int:
         """Register a topic; returns the channel for `write`."""
-        try:
-            definition = message_definition(topic.type)
-        except FileNotFoundError as error:
-            raise BagError(f'topic {topic.name!r} cannot be recorded: {error}') from None
+        definition = definition_of(topic.type, f'topic {topic.name!r}')
         self._if_it_fits(lambda: self._register(topic, definition))
         return len(self._topics)
 
@@ -170,10 +167,15 @@ class BagWriter:
 def require_definitions(kinds: Iterable[str]) -> None:
     """Raise `BagError` for a message type whose definition is not installed."""
     for kind in kinds:
-        try:
-            message_definition(kind)
-        except FileNotFoundError as error:
-            raise BagError(f'message type {kind!r} cannot be recorded: {error}') from None
+        definition_of(kind, f'message type {kind!r}')
+
+
+def definition_of(kind: str, what: str) -> str:
+    """Return the definition of a message type; raises `BagError`, which names ``what``."""
+    try:
+        return message_definition(kind)
+    except FileNotFoundError as error:
+        raise BagError(f'{what} cannot be recorded: {error}') from None
 
 
 def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:

@@ -81,6 +81,7 @@ class RunRecording:
         self.write(everything=True)
         if self.bag is None:
             return ''
+        self._add_topics()  # those on which nothing was published
         counts = {name: str(value) for name, value in self.joiner.counts.items()
                   if name != 'states'}
         self.bag.close({**counts, 'wall_seconds': f'{self._wrote_at - self._began_at:.6f}'})

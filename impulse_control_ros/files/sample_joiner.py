@@ -14,17 +14,15 @@ foreign peer sends (core/protocol.py): the former is left out, the latter kept.
 
 from bisect import bisect
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from impulse_control_ros.core.protocol import (
-    CommandHeader,
     FOREIGN,
     parse_command,
     parse_node,
     parse_state,
-    StateHeader,
     WINDOW,
 )
 from impulse_control_ros.core.tick import SECOND
@@ -55,6 +53,22 @@ class Answer(NamedTuple):
     raw: bytes
 
 
+class StampedReader:
+    """Reads stamps, and what ``parse`` makes of a frame_id: once for those that are the same."""
+
+    def __init__(self, parse: Callable[[str], Any]) -> None:
+        self._parse = parse
+        self._text, self._header = NONE, parse('')  # of the message before
+
+    def read(self, raw: bytes) -> tuple[Any, int]:
+        """Return header and stamp [ns] of a message, 0 for none."""
+        if not raw.startswith(self._text, TEXT_AT):
+            text = read_header(raw)[1].decode(errors='replace')
+            self._text, self._header = string(text), self._parse(text)
+        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
+        return self._header, sec * SECOND + nanosec
+
+
 class AnswerQueue:
     """The commands, or the events, of a run that wait for their states."""
 
@@ -62,7 +76,7 @@ class AnswerQueue:
         self._run = run
         self._waiting: dict[int, list[Answer]] = {}
         self._latest: dict[str, int] = {}  # stamp by author
-        self._sender: tuple[bytes, CommandHeader] = NONE, CommandHeader()  # of the one before
+        self._read = StampedReader(parse_command).read
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
@@ -73,16 +87,10 @@ class AnswerQueue:
 
         Returns why it is not kept, '' where it is, and its stamp or that of the one before.
         """
-        text, sender = self._sender
-        if not raw.startswith(text, TEXT_AT):
-            text = string(read_header(raw)[1].decode(errors='replace'))
-            sender = parse_command(text[4:-1].decode())
-            self._sender = text, sender
+        sender, stamp = self._read(raw)
         author = sender.author
         if sender.run != self._run and author != FOREIGN:
             return 'foreign', 0
-        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
-        stamp = sec * SECOND + nanosec
         if not stamp:
             return 'unstamped', self._latest.get(author, done)
         found = self._waiting.get(stamp)
@@ -173,7 +181,7 @@ class SampleJoiner:
         self.newest = self.reached = self.heard = 0
         self.other: str | None = None
         self.counts = {'states': 0, 'missing': 0, 'repeated': 0, 'foreign': 0}
-        self._header: tuple[bytes, StateHeader] = NONE, StateHeader()  # of the state before
+        self._read, self._joint = StampedReader(parse_state).read, string(plant.joint)
         self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
         self._named = ''  # by the newest copy of the newest state
         self._answers = {COMMANDS: AnswerQueue(plant.run), EVENTS: AnswerQueue(plant.run)}
@@ -203,14 +211,8 @@ class SampleJoiner:
                 self._loose.append(entry)
 
     def _add_state(self, raw: bytes, time: int) -> None:
-        text, header = self._header
-        if not raw.startswith(text, TEXT_AT):
-            text = string(read_header(raw)[1].decode(errors='replace'))
-            header = parse_state(text[4:-1].decode())
-            self._header = text, header
-        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
-        stamp, run = sec * SECOND + nanosec, self.plant.run
-        ours = header.run == run and (run or string(self.plant.joint) in raw)
+        (header, stamp), run = self._read(raw), self.plant.run
+        ours = header.run == run and (run or self._joint in raw)
         if ours and stamp >= self.newest:
             self._named = header.controller
         if ours and stamp > self.newest:
@@ -223,7 +225,7 @@ class SampleJoiner:
             self.counts['repeated'] += 1
         else:  # of a foreign plant whose time goes back it may be another run
             self.counts['foreign'] += 1
-            if header.run or string(self.plant.joint) in raw:
+            if header.run or self._joint in raw:
                 self.other = header.run
             if not header.run:
                 self._loose.append((self.newest, STATES, raw))

@@ -14,7 +14,6 @@ from time import perf_counter
 from typing import Any
 
 from rclpy.parameter import Parameter
-from tqdm import tqdm
 
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.topics import (
@@ -28,6 +27,7 @@ from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
 from impulse_control_ros.nodes.spin import main as run_nodes, Maker
+from impulse_control_ros.progress import simulated_time
 from impulse_control_ros.stop import StopRequest
 
 SLICE = 0.005
@@ -103,10 +103,7 @@ class ClosedLoop:
         if not duration or self._plant.clock.tick < 0:
             return
         if self._bar is None:
-            tqdm.monitor_interval = 0  # no thread beside ours
-            self._bar = tqdm(
-                total=duration, unit='s', disable=None, leave=False,
-                bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated, {rate_fmt}')
+            self._bar = simulated_time(duration)
         self._bar.update(elapsed - self._bar.n)
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
-from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.core.tick import nanoseconds, SECOND, seconds
 from impulse_control_ros.files.cdr import read_header
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES, RUN_PARAMETERS, SETPOINT
@@ -258,11 +258,6 @@ class Controller(ManagedNode):
             self.deactivated()
         for output in (self.answers.events, self.answers.commands):
             output.publisher.wait_for_all_acked(Duration(seconds=1))
-
-
-def seconds(stamp: int) -> str:
-    """Return a stamp [ns] in seconds."""
-    return f'{stamp // SECOND}.{stamp % SECOND:09d}'
 
 
 def main(stop: StopRequest) -> int:

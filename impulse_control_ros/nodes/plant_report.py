@@ -17,7 +17,6 @@ class PlantReport:
     def __init__(self, plant: Any) -> None:
         self._plant = plant
         self._began = self._moving_since = monotonic()
-        self._waiting_since = 0.0
         self._waiting, self._said_at = '', 0.0
         self._accepted_before = self._rejected = 0
         self._known: set[str] = set()

@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 from impulse_control_ros.core.axis import DIVERGED, DivergedError
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.protocol import (
+    ENDLESS,
     FOREIGN,
     name_of,
     new_run,
@@ -44,7 +45,6 @@ from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
-ENDLESS = 2**62
 ANNOUNCE = 1.0  # s after which a plant says again that it waits: a recorder may have been busy
 HEARTBEAT = 0.25  # s between states that nothing but the wall clock or a pause holds
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
@@ -26,10 +26,10 @@ from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import cpu_core_parameter
 from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
 from impulse_control_ros.files.recording import storage_file
-from impulse_control_ros.files.topics import CLOCK, SERIES_DEPTH
+from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import message_class, SERIES_QOS
+from impulse_control_ros.nodes.topics import deep_qos, message_class, SERIES_QOS
 from impulse_control_ros.stop import StopRequest
 
 AT_ONCE = 1000  # messages between two looks at what else is to do
@@ -145,12 +145,8 @@ class Player(ParameterNode):
 
 def replayed_qos(offered: Mapping[str, Any]) -> QoSProfile:
     """Return the reliability and durability of the publisher that was recorded, queued deeply."""
-    best_effort = offered.get('reliability') in ('best_effort', 2)
-    latched = offered.get('durability') in ('transient_local', 1)
-    return QoSProfile(
-        depth=SERIES_DEPTH,
-        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+    return deep_qos(best_effort=offered.get('reliability') in ('best_effort', 2),
+                    latched=offered.get('durability') in ('transient_local', 1))
 
 
 def main(stop: StopRequest, description: str,

@@ -9,8 +9,14 @@ from rclpy.subscription import Subscription
 
 from impulse_control_ros.files.bag import Topic
 from impulse_control_ros.files.columns import BagError
-from impulse_control_ros.files.topics import DAMPING, FLOAT64, offered_on, SERIES, SERIES_DEPTH
-from impulse_control_ros.nodes.topics import message_class, Output, qos_keys, writer_qos
+from impulse_control_ros.files.topics import DAMPING, FLOAT64, offered_on, SERIES
+from impulse_control_ros.nodes.topics import (
+    deep_qos,
+    message_class,
+    Output,
+    qos_keys,
+    writer_qos,
+)
 
 Taken = tuple[int, bytes, int]  # channel, message, time [ns] at which it was published
 
@@ -56,15 +62,10 @@ class RecordedTopics:
                 continue
             offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
-            latched = offers and all(
+            latched = bool(offers) and all(
                 qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
             try:
-                self._add(topic, kinds[0], (), QoSProfile(
-                    depth=SERIES_DEPTH,
-                    reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
-                    else ReliabilityPolicy.RELIABLE,
-                    durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
-                    else DurabilityPolicy.VOLATILE))
+                self._add(topic, kinds[0], (), deep_qos(best_effort, latched))
             except BagError as error:
                 self._wanted.discard(topic)
                 self._node.get_logger().warning(f'{topic} is not recorded: {error}')

@@ -23,6 +23,14 @@ def writer_qos(topic: str) -> QoSProfile:
     return LATCHED_QOS if topic == RUN_PARAMETERS else SERIES_QOS
 
 
+def deep_qos(best_effort: bool, latched: bool) -> QoSProfile:
+    """Return a profile that queues a series, by the two policies that peers must agree on."""
+    return QoSProfile(
+        depth=SERIES_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
 class Output:
     """A publisher of messages as CDR, which may have readers in this process too."""
 

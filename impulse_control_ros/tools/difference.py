@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import seconds
 
 SHOWN = 5
 
@@ -47,11 +47,6 @@ def difference(recorded: np.ndarray, replayed: np.ndarray) -> Difference:
 def bits(values: np.ndarray) -> np.ndarray:
     """Return values by which equal bits are equal, also of NaN, and -0 is not 0."""
     return np.ascontiguousarray(values).view(f'u{values.dtype.itemsize}')
-
-
-def seconds(stamp: int) -> str:
-    """Return a stamp in seconds, to the last digit."""
-    return f'{stamp // SECOND}.{stamp % SECOND:09d} s'
 
 
 def row_at(rows: np.ndarray, stamp: int) -> dict[str, Any]:
@@ -94,7 +89,7 @@ def first_line(topic: str, found: Difference) -> str:
     recorded, replayed = row_at(found.recorded, stamp), row_at(found.replayed, stamp)
     told = ', '.join(f'{name} {value!r} was {recorded[name]!r}'
                      for name, value in replayed.items() if value != recorded[name])
-    return f'first in {topic} at {seconds(stamp)}: {told or "the sign of a zero"}'
+    return f'first in {topic} at {seconds(stamp)} s: {told or "the sign of a zero"}'
 
 
 def effort_line(found: Difference) -> str:
@@ -104,7 +99,7 @@ def effort_line(found: Difference) -> str:
     apart = np.abs(replayed - recorded)
     peak = int(np.argmax(apart))
     return (f'effort apart: RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart[peak]:.6g} N '
-            f'at {seconds(int(found.common[peak]))}')
+            f'at {seconds(int(found.common[peak]))} s')
 
 
 def guard_lines(recorded: np.ndarray, replayed: np.ndarray) -> Iterator[str]:
@@ -119,6 +114,6 @@ def guard_lines(recorded: np.ndarray, replayed: np.ndarray) -> Iterator[str]:
         lone += [(int(stamp), guard, where) for stamps, where in (
             (gone, 'recorded'), (new, 'replayed')) for stamp in stamps]
     for stamp, guard, where in sorted(lone)[:SHOWN]:
-        yield f'{guard} at {seconds(stamp)} is only {where}'
+        yield f'{guard} at {seconds(stamp)} s is only {where}'
     if len(lone) > SHOWN:
         yield f'and {len(lone) - SHOWN} more'

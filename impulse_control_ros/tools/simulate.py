@@ -7,9 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import Any, TypeVar
-
-from tqdm import tqdm
+from typing import TypeVar
 
 from impulse_control_ros.core.axis import DivergedError
 from impulse_control_ros.core.blocks import blocks_of
@@ -30,6 +28,7 @@ from impulse_control_ros.files.topics import (
     RUN_PARAMETERS,
     SERIES,
 )
+from impulse_control_ros.progress import simulated_time
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.arguments import ended, Parser, UsageError
 
@@ -96,7 +95,7 @@ def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> in
     try:
         messages = begin_run(experiment, writer, start_ns)
         samples = blocks_of(plant, experiment.controller, count, start_ns)
-        with progress(plant.duration) as bar:
+        with simulated_time(plant.duration) as bar:
             for block in ahead(messages.block(*some) for some in samples):
                 writer.write_block(block)
                 seconds = (int(block.stamp[-1]) - start_ns) / SECOND
@@ -136,13 +135,6 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
         for node, parameters in ((PLANT, plant), (header.controller, experiment.controller)))
     return RunMessages(header, plant.joint_name, channels, start_ns,
                        nanoseconds(plant.time_step, 'time_step'), plant.damping_every)
-
-
-def progress(duration: float) -> Any:
-    """Return a bar of simulated time, which is drawn on a terminal only."""
-    tqdm.monitor_interval = 0  # no thread for it
-    return tqdm(total=duration, unit='s', disable=None, leave=False,
-                bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated, {rate_fmt}')
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
