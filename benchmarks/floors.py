@@ -41,7 +41,7 @@ class End:
             JointState, into, self.on_message, QoSProfile(
                 depth=SERIES_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
                 else ReliabilityPolicy.RELIABLE), raw=True)
-        self.publish = self._publisher.handle.publish_raw
+        self.publish = self._publisher.publish
         self._head, self._tail = message[:NUMBER.start], message[NUMBER.stop:]
 
     def send(self, number: bytes) -> None:

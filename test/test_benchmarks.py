@@ -20,7 +20,7 @@ PLANTS = ('plain', 'friction', 'noise', 'friction_noise')
 def test_the_lockstep_benchmark_measures_every_case(graph):
     said = subprocess.run(
         [sys.executable, ROOT / 'benchmarks' / 'lockstep.py', '--json', '--rounds', '1',
-         '--long', '20'],
+         '--seconds', '2', '--long', '12'],
         env=graph.env, check=True, capture_output=True, text=True).stdout
     result = json.loads(said)
     assert set(result) == CASES | {'peak_rss_mb', 'growth_rss_mb'}
