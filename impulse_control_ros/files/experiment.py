@@ -18,7 +18,8 @@ from impulse_control_ros.core.parameter import (
     Parameters,
     refusal,
 )
-from impulse_control_ros.core.tick import nanoseconds, samples_between, SECOND
+from impulse_control_ros.core.protocol import ENDLESS
+from impulse_control_ros.core.tick import nanoseconds, samples_between, SECOND, ticks
 from impulse_control_ros.files.mcap_file import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign
@@ -81,6 +82,15 @@ class PlantParameters(Axis):
             raise refusal('real_time_factor', self.real_time_factor,
                           '> 0 when lockstep is false')
 
+    @property
+    def last_tick(self) -> int:
+        """The tick at which the run is over."""
+        return ticks(self.duration, self.time_step) if self.duration else ENDLESS
+
+    @property
+    def wall_step(self) -> float:
+        """The wall time [s] of a sample, 0 for as fast as possible."""
+        return self.time_step / self.real_time_factor if self.real_time_factor else 0.0
 
     @property
     def damping_every(self) -> int:

@@ -13,7 +13,6 @@ import math
 from time import monotonic
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
@@ -29,9 +28,9 @@ from impulse_control_ros.core.state_arbiter import StateArbiter
 from impulse_control_ros.core.tick import nanoseconds, SECOND, seconds
 from impulse_control_ros.files.cdr import read_header
 from impulse_control_ros.files.experiment import ControllerParameters
-from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES, RUN_PARAMETERS, SETPOINT
+from impulse_control_ros.files.topics import JOINT_STATES, RUN_PARAMETERS, SETPOINT
 from impulse_control_ros.nodes.answers import Answers
-from impulse_control_ros.nodes.diagnostics import Diagnostics
+from impulse_control_ros.nodes.controller_report import ControllerReport
 from impulse_control_ros.nodes.joint_state_io import JointStateReader, UnreadableError
 from impulse_control_ros.nodes.known_plants import KnownPlants
 from impulse_control_ros.nodes.lifecycle import ManagedNode
@@ -40,7 +39,6 @@ from impulse_control_ros.nodes.topics import LATCHED_QOS, LOCKSTEP_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
 INF = math.inf
-COUNTS = ('repeated', 'standby', 'other_run', 'rejected', 'withheld')
 
 
 class Controller(ManagedNode):
@@ -55,19 +53,18 @@ class Controller(ManagedNode):
         self._reader = JointStateReader(
             self.parameters.joint_name, parse_state, ('position',), ('velocity',))
         self._seen = b''
-        self._active_other = ''
+        self.active_other = ''
         self._untold: dict[str, Any] | None = None
-        self._counts = dict.fromkeys(COUNTS, 0)
         step_ns = nanoseconds(self.parameters.time_step, 'time_step')
-        self._states, self._rate = StateArbiter(self.id, step_ns), StateRate(step_ns)
-        self._timeout = StateTimeout()
+        self.states, self.rate = StateArbiter(self.id, step_ns), StateRate(step_ns)
+        self.timeout = StateTimeout()
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         if not composed:
             self.create_subscription(
                 ParameterEvent, RUN_PARAMETERS, self.plants.on_event, LATCHED_QOS, raw=True)
             self.create_subscription(
                 JointState, JOINT_STATES, self.on_state, LOCKSTEP_QOS, raw=True)
-        Diagnostics(self, self._progress, self._report)
+        self._report = ControllerReport(self)
         if self.parameters.managed:
             self.manage()
         self.plants.advise(None, self.parameters)
@@ -83,7 +80,7 @@ class Controller(ManagedNode):
             if not (-INF < position < INF and -INF < velocity < INF):
                 self._require_measured(position, velocity)
             stamp = sec * SECOND + nanosec
-            if not self._states.follows(header, stamp, monotonic()) and (
+            if not self.states.follows(header, stamp, monotonic()) and (
                     not self._is_to_answer(header, stamp, raw)):
                 return
         except UnreadableError as error:
@@ -94,7 +91,8 @@ class Controller(ManagedNode):
             self._untold = None
         effort, area, guard, velocity = self._law.answer(position, velocity)
         if not abs(effort) <= self._law.largest:  # nor is NaN
-            self._withhold(effort, position, velocity)
+            self._law.forget()
+            self._report.withhold(effort, self._law.largest, position, velocity)
             effort, guard = 0.0, NO_IMPULSE
         if guard:
             self.answers.send_impulse(sec, nanosec, effort, guard, position, velocity, area)
@@ -113,20 +111,20 @@ class Controller(ManagedNode):
             return False  # it comes again, once the plant's parameters are here
         if not header.run and not stamp:
             raise UnreadableError('without a stamp')
-        before, last = self._states.run, self._states.stamp
+        before, last = self.states.run, self.states.stamp
         lockstep = not self.plants.run_freely(header.run)
-        reply = self._states.judge(header, stamp, lockstep, monotonic())
+        reply = self.states.judge(header, stamp, lockstep, monotonic())
         if not header.run:
             if reply is Reply.REPEAT and raw != self._seen:
                 raise UnreadableError(f'with the stamp of the one before, {seconds(stamp)} s')
             self._seen = raw
-        if self._states.run != before and not self._adopt(header.run):
+        if self.states.run != before and not self._adopt(header.run):
             return False
         if reply is Reply.ANSWER_AFRESH:
-            if stamp < last and self._states.run == before:
+            if stamp < last and self.states.run == before:
                 self.get_logger().info(f'joint_states went back from {seconds(last)} s to '
                                        f'{seconds(stamp)} s: starting afresh')
-            self._rate.begin(stamp, self.answers.sent, last)
+            self.rate.begin(stamp, self.answers.sent, last)
             self._begin(header, stamp)
         elif reply is not Reply.ANSWER:
             self._pass_over(reply, header)
@@ -142,58 +140,47 @@ class Controller(ManagedNode):
 
     def _reject(self, raw: bytes, error: UnreadableError) -> None:
         """Account for a state that cannot be read, maybe because its plant has another joint."""
-        self._counts['rejected'] += 1
+        self._report.counts['rejected'] += 1
         run = parse_state(read_header(raw)[1].decode(errors='replace')).run
-        if run in self.plants and self._states.run is None and not self._adopt(run):
+        if run in self.plants and self.states.run is None and not self._adopt(run):
             return
-        self.get_logger().error(f'rejected a state {error}', throttle_duration_sec=5.0)
+        self._report.reject(error)
 
     def _begin(self, header: StateHeader, stamp: int) -> None:
         """Answer with an empty memory from this state on."""
         self._law.forget()
         self.answers.address(header.run, header.episode)
         self._untold = {}
-        if self._active_other:
+        if self.active_other:
             self.get_logger().info(f'taking over at {seconds(stamp)} s: the plant names no '
-                                   f'controller, {name_of(self._active_other)} is silent')
-            self._active_other = ''
+                                   f'controller, {name_of(self.active_other)} is silent')
+            self.active_other = ''
 
     def _pass_over(self, reply: Reply, header: StateHeader) -> None:
         """Do what a state asks for that is not answered anew."""
         if reply is Reply.REPEAT:
-            self._counts['repeated'] += 1
+            self._report.counts['repeated'] += 1
             if not self.plants.run_freely(header.run):  # a free plant does not ask
                 self.answers.repeat()
         elif reply is Reply.STAND_BY:
-            self._counts['standby'] += 1
-            if header.controller != self._active_other:
-                self._active_other = header.controller
-                self._timeout.forget()
+            self._report.counts['standby'] += 1
+            if header.controller != self.active_other:
+                self.active_other = header.controller
+                self.timeout.forget()
                 self.get_logger().info(
                     f'{name_of(header.controller)} is the active controller: standing by')
         elif reply is Reply.OTHER_RUN:
-            self._counts['other_run'] += 1
-            self.get_logger().warning(
-                f'ignoring the states of a second plant (run {header.run or "unknown"})',
-                throttle_duration_sec=60.0)
-
-    def _withhold(self, effort: float, position: float, velocity: float) -> None:
-        """Account for an ``effort`` that is not sent."""
-        self._law.forget()
-        self._counts['withheld'] += 1
-        self.get_logger().error(
-            f'sending 0 N: the effort for position {position:g} m, velocity {velocity:g} m/s is '
-            f'{effort:g} N, beyond [-{self._law.largest:g}, {self._law.largest:g}] N',
-            throttle_duration_sec=5.0)
+            self._report.counts['other_run'] += 1
+            self._report.ignore(header)
 
     # -- parameters, life cycle, reports ----------------------------------------------------
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Let the next sample be answered with the new gains."""
         self._law.change(self.parameters)
-        if self._untold != {} and self._states.run is not None:
+        if self._untold != {} and self.states.run is not None:
             self._untold = {**(self._untold or {}), **changed}
-        self.plants.advise(self._states.run, self.parameters)
+        self.plants.advise(self.states.run, self.parameters)
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
@@ -203,12 +190,12 @@ class Controller(ManagedNode):
 
     def activated(self) -> None:
         """Answer from now on, as at a start."""
-        self._states.forget()
-        self._timeout.forget()
+        self.states.forget()
+        self.timeout.forget()
 
     def deactivated(self) -> None:
         """Leave no effort behind."""
-        if self._states.stamp and self.plants.run_freely(self._states.run):
+        if self.states.stamp and self.plants.run_freely(self.states.run):
             self._command_zero()
 
     def _command_zero(self) -> None:
@@ -219,38 +206,17 @@ class Controller(ManagedNode):
         """Command 0 N where states stay away from a plant that does not wait."""
         timeout = self.parameters.state_timeout
         # the stamp of the last answer is 0 while standing by
-        if not (timeout and self.active and self._states.stamp
-                and self.plants.run_freely(self._states.run)):
+        if not (timeout and self.active and self.states.stamp
+                and self.plants.run_freely(self.states.run)):
             return IDLE
-        was_deserted = self._timeout.deserted
-        if self._timeout.is_due(self.answers.sent, monotonic(), timeout):
+        was_deserted = self.timeout.deserted
+        if self.timeout.is_due(self.answers.sent, monotonic(), timeout):
             self._command_zero()
             if not was_deserted:
                 self.get_logger().error(f'no state for {timeout:g} s: commanding 0 N')
-        elif was_deserted and not self._timeout.deserted:
+        elif was_deserted and not self.timeout.deserted:
             self.get_logger().info('states are back: answering again')
         return min(IDLE, timeout / 4)
-
-    def _progress(self) -> tuple[int, float]:
-        return self.answers.sent, self.answers.sent * self.parameters.time_step
-
-    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
-        wrong = self._rate.wrong(self._states.stamp, self.answers.sent)
-        if wrong:
-            self.get_logger().error(wrong, throttle_duration_sec=20.0)
-        if self._states.run == '' and self.count_publishers(JOINT_COMMANDS) > 1:
-            self.get_logger().warning(f'several controllers publish {JOINT_COMMANDS} for a plant '
-                                      'that takes all of them', throttle_duration_sec=20.0)
-        counts = self._counts
-        level = (DiagnosticStatus.ERROR if counts['withheld'] or self._timeout.deserted or wrong
-                 else DiagnosticStatus.WARN if counts['rejected'] else DiagnosticStatus.OK)
-        return level, wrong or (
-            'not active' if not self.active else 'answering' if rate else
-            f'standing by for {name_of(self._active_other)}' if self._active_other else
-            'waiting for states'), {
-            'answered': self.answers.sent, 'impulses': self.answers.impulses, **counts,
-            'lost': self._rate.lost(self._states.stamp, self.answers.sent),
-            'x_r': self.parameters.x_r}
 
     def close(self) -> None:
         """Leave no effort behind, and wait until what was sent has arrived."""

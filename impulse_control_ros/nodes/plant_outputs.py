@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -31,6 +32,7 @@ class PlantOutputs:
         self._name = node.get_fully_qualified_name()
         self._joint = joint
         self._header: StateHeader | None = None
+        self._last = (0, 0), math.nan, math.nan, 0.0
         self._clock_every = self._damping_every = 0
 
     def change(self, parameters: PlantParameters) -> None:
@@ -47,6 +49,7 @@ class PlantOutputs:
     def send_state(self, header: StateHeader, stamp: tuple[int, int], position: float,
                    velocity: float, effort: float) -> None:
         """Publish a state; a velocity of nan is not measured, and left empty."""
+        self._last = stamp, position, velocity, effort
         if header is not self._header:
             self._header = header
             self._layout, self._layout_without_velocity = (
@@ -58,9 +61,18 @@ class PlantOutputs:
             raw = self._layout.encode(*stamp, position, velocity, effort)
         self.states.send(raw)
 
+    def send_again(self, header: StateHeader) -> None:
+        """Publish the last state again."""
+        self.send_state(header, *self._last)
+
     def send_beside(self, tick: int, stamp: tuple[int, int], damping: float) -> None:
         """Publish clock and damping [N s/m], where they are due beside the state at ``tick``."""
         if self._clock_every and tick % self._clock_every == 0:
             self.clock.send(encode_time(*stamp))
         if self._damping_every and tick % self._damping_every == 0 and tick:
             self.damping.send(encode_float64(damping))
+
+    def wait(self) -> None:
+        """Wait until what was sent has arrived."""
+        for output in (self.states, self.clock, self.damping, self.parameters):
+            output.publisher.wait_for_all_acked(Duration(seconds=1))

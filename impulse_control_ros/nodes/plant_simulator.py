@@ -13,14 +13,12 @@ import math
 from time import monotonic, time_ns
 from typing import Any
 
-from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros.core.axis import DIVERGED, DivergedError
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.protocol import (
-    ENDLESS,
     FOREIGN,
     name_of,
     new_run,
@@ -30,7 +28,7 @@ from impulse_control_ros.core.protocol import (
 )
 from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
 from impulse_control_ros.core.simulated_axis import SimulatedAxis
-from impulse_control_ros.core.tick import nanoseconds, SampleClock, ticks
+from impulse_control_ros.core.tick import nanoseconds, SampleClock
 from impulse_control_ros.core.wall_clock_pacer import WallClockPacer
 from impulse_control_ros.files.cdr import COMMANDED, read_header
 from impulse_control_ros.files.experiment import PlantParameters
@@ -67,7 +65,7 @@ class PlantSimulator(ParameterNode):
         self.control = SimulationControl(self)
         self._announced = False
         self._published_at = -math.inf
-        self._last_tick = ENDLESS
+        self._last_tick = parameters.last_tick
         self._report = PlantReport(self)
         SimulationInterfaces(self)
         self.parameters_changed({})
@@ -83,10 +81,8 @@ class PlantSimulator(ParameterNode):
         parameters = self.parameters
         self.axis.change(parameters)
         self.outputs.change(parameters)
-        self._last_tick = (ticks(parameters.duration, parameters.time_step)
-                           if parameters.duration else ENDLESS)
-        self.pacer.wall_step = (parameters.time_step / parameters.real_time_factor
-                                if parameters.real_time_factor else 0.0)
+        self._last_tick = parameters.last_tick
+        self.pacer.wall_step = parameters.wall_step
         self.pacer.restart(self.clock.tick, monotonic())
         if self._announced:
             self._tell_parameters(changed)
@@ -137,12 +133,6 @@ class PlantSimulator(ParameterNode):
         self.outputs.send_state(self.arbiter.header, stamp, *self.axis.measured(), effort)
         self.outputs.send_beside(tick, stamp, damping)
 
-    def _publish_again(self) -> None:
-        self._published_at = monotonic()
-        _, _, _, effort, _, _ = self.axis.state()
-        self.outputs.send_state(
-            self.arbiter.header, self.clock.stamp, *self.axis.measured(), effort)
-
     def on_command(self, raw: bytes) -> None:
         """Take one joint command, given as CDR."""
         try:
@@ -185,22 +175,8 @@ class PlantSimulator(ParameterNode):
         if not self.has_next:
             if self.recorders.have_last:
                 self._end()
-        elif self.control.reset_wanted or self._may_step():
+        elif self.control.reset_wanted or self.control.take_step():
             self._step()
-
-    def _may_step(self) -> bool:
-        """Ask pause and pace, and account for the step when both agree."""
-        if not (self.pacer.wall_step or self.control.paused):
-            return True
-        if self.control.holds:
-            return False
-        if self.pacer.wall_step and not self.control.is_stepping:
-            now = monotonic()
-            if now < self.pacer.due(self.clock.tick):
-                return False
-            self.pacer.made(self.clock.tick, now)
-        self.control.made_step()
-        return True
 
     def poll(self) -> float:
         """Do what is due by the wall clock: start, pace, publish again."""
@@ -222,7 +198,8 @@ class PlantSimulator(ParameterNode):
         if self.arbiter.silent >= self.parameters.command_timeout:
             self._nobody_answers(now)
         if now >= self._published_at + patience:
-            self._publish_again()
+            self._published_at = now
+            self.outputs.send_again(self.arbiter.header)
         wait = min(patience, IDLE)
         if self.pacer.wall_step and not (held or self.control.holds):
             wait = min(wait, max(self.pacer.due(self.clock.tick) - monotonic(), 0.0))
@@ -252,9 +229,7 @@ class PlantSimulator(ParameterNode):
         """Wait until what was sent has arrived."""
         if not self.finished and self.clock.tick >= 0:
             self._report.summarize('stopped')
-        outputs = self.outputs
-        for output in (outputs.states, outputs.clock, outputs.damping, outputs.parameters):
-            output.publisher.wait_for_all_acked(Duration(seconds=1))
+        self.outputs.wait()
 
 
 def main(stop: StopRequest) -> int:

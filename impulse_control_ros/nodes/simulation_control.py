@@ -46,14 +46,19 @@ class SimulationControl:
         """Whether the next sample is to wait."""
         return self.paused and not self._steps_left
 
-    @property
-    def is_stepping(self) -> bool:
-        """Whether the next sample was asked for while paused: it is made at once."""
-        return self._steps_left > 0
-
-    def made_step(self) -> None:
-        """Note a sample that was asked for."""
-        self._steps_left = max(0, self._steps_left - 1)
+    def take_step(self) -> bool:
+        """Account for the next sample; False while a pause or the real time factor holds it."""
+        pacer, tick = self._plant.pacer, self._plant.clock.tick
+        if self.paused:
+            if not self._steps_left:
+                return False
+            self._steps_left -= 1
+        elif pacer.wall_step:
+            now = monotonic()
+            if now < pacer.due(tick):
+                return False
+            pacer.made(tick, now)
+        return True
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         clock, start = self._plant.clock, self._plant.parameters

@@ -1,0 +1,141 @@
+"""
+What waits in a join: the answers for their states, and what has no stamp for a place.
+
+files/sample_joiner.py has the join itself.
+"""
+
+from bisect import bisect
+from collections.abc import Callable
+import struct
+from typing import Any, NamedTuple
+
+from impulse_control_ros.core.protocol import FOREIGN, parse_command
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.cdr import read_header, string
+
+KEPT = 100_000
+TEXT_AT = 12  # the frame_id, behind encapsulation and stamp
+NONE = b'\xff' * 4  # begins no frame_id
+Entry = tuple[int, int, bytes]  # stamp [ns], channel, message
+read_stamp = struct.Struct('<II').unpack_from
+
+
+class Answer(NamedTuple):
+    """A command or an event that waits for its state."""
+
+    author: str
+    guard: str
+    raw: bytes
+
+
+class StampedReader:
+    """Reads stamps, and what ``parse`` makes of a frame_id: once for those that are the same."""
+
+    def __init__(self, parse: Callable[[str], Any]) -> None:
+        self._parse = parse
+        self._text, self._header = NONE, parse('')  # of the message before
+
+    def read(self, raw: bytes) -> tuple[Any, int]:
+        """Return header and stamp [ns] of a message, 0 for none."""
+        if not raw.startswith(self._text, TEXT_AT):
+            text = read_header(raw)[1].decode(errors='replace')
+            self._text, self._header = string(text), self._parse(text)
+        sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
+        return self._header, sec * SECOND + nanosec
+
+
+class AnswerQueue:
+    """The commands, or the events, of a run that wait for their states."""
+
+    def __init__(self, run: str) -> None:
+        self._run = run
+        self._waiting: dict[int, list[Answer]] = {}
+        self._latest: dict[str, int] = {}  # stamp by author
+        self._read = StampedReader(parse_command).read
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add(self, raw: bytes, done: int) -> tuple[str, int]:
+        """
+        Take a message, where states up to the stamp ``done`` are handed out.
+
+        Returns why it is not kept, '' where it is, and its stamp or that of the one before.
+        """
+        sender, stamp = self._read(raw)
+        author = sender.author
+        if sender.run != self._run and author != FOREIGN:
+            return 'foreign', 0
+        if not stamp:
+            return 'unstamped', self._latest.get(author, done)
+        found = self._waiting.get(stamp)
+        if stamp <= done or (found and any(one.author == author for one in found)):
+            return 'repeated', stamp
+        answer = Answer(author, sender.guard, raw)
+        if found is None:
+            self._waiting[stamp] = [answer]
+        else:
+            found.append(answer)
+        if stamp > self._latest.get(author, 0):
+            self._latest[author] = stamp
+        return '', stamp
+
+    def find(self, stamp: int, author: str) -> tuple[Answer | None, bool]:
+        """
+        Return the answer of an author, '' for any, to the state of ``stamp``.
+
+        Where there is none, also whether there is a later one of that author.
+        """
+        for one in self._waiting.get(stamp, ()):
+            if author in ('', one.author):
+                return one, False
+        return None, any(latest > stamp for who, latest in self._latest.items()
+                         if author in ('', who))
+
+    def give_up(self, stamp: int, author: str) -> None:
+        """Expect nothing more from an author for the state of ``stamp``."""
+        self._latest[author] = stamp + 1
+
+    def is_replaced(self, author: str) -> bool:
+        """Tell whether the latest answer is not of this author."""
+        return max(self._latest, key=lambda one: self._latest[one], default=author) != author
+
+    def pop(self, stamp: int) -> int:
+        """Drop the answers up to a stamp; returns how many were for it."""
+        count = len(self._waiting.pop(stamp, ()))
+        if self._waiting and next(iter(self._waiting)) < stamp:  # their states are missing
+            for early in [one for one in self._waiting if one < stamp]:
+                del self._waiting[early]
+        return count
+
+
+class UnstampedQueue:
+    """The messages without a stamp of their own, and when the states were published."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, int, bytes]] = []  # time [ns], channel, message
+        self._times: list[int] = []
+        self._stamps: list[int] = []
+
+    def add_state(self, time: int, stamp: int) -> None:
+        """Note the publish time [ns] of a state."""
+        self._times.append(time)
+        self._stamps.append(stamp)
+
+    def add(self, time: int, channel: int, raw: bytes) -> None:
+        """Take a message that was published at ``time`` [ns]."""
+        self._waiting.append((time, channel, raw))
+
+    def placed(self, everything: bool) -> list[Entry]:
+        """Return what stands before a later state, or ``everything``, with its place."""
+        times, stamps = self._times, self._stamps
+        if len(times) > 2 * KEPT:
+            del times[:-KEPT], stamps[:-KEPT]
+        waiting, self._waiting = self._waiting, []
+        found = []
+        for time, channel, raw in waiting:
+            if times and (everything or time < times[-1]):
+                found.append((stamps[max(0, bisect(times, time) - 1)], channel, raw))
+            else:
+                self._waiting.append((time, channel, raw))
+        return found

@@ -1,0 +1,64 @@
+"""What a controller says of its run: on /diagnostics, and in the log."""
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from impulse_control_ros.core.protocol import name_of, StateHeader
+from impulse_control_ros.files.topics import JOINT_COMMANDS
+from impulse_control_ros.nodes.diagnostics import Diagnostics
+
+
+class ControllerReport:
+    """
+    The reports of ``controller``, a `Controller`.
+
+    ``counts`` has the states that are not answered anew, by why, and the efforts withheld.
+    """
+
+    def __init__(self, controller: Any) -> None:
+        self.counts = dict.fromkeys(
+            ('repeated', 'standby', 'other_run', 'rejected', 'withheld'), 0)
+        self._controller, self._logger = controller, controller.get_logger()
+        Diagnostics(controller, self._progress, self._report)
+
+    def reject(self, error: Exception) -> None:
+        """Say why a state is rejected."""
+        self._logger.error(f'rejected a state {error}', throttle_duration_sec=5.0)
+
+    def ignore(self, header: StateHeader) -> None:
+        """Say that another plant is ignored."""
+        self._logger.warning(
+            f'ignoring the states of a second plant (run {header.run or "unknown"})',
+            throttle_duration_sec=60.0)
+
+    def withhold(self, effort: float, largest: float, position: float, velocity: float) -> None:
+        """Say that an ``effort`` [N] is not sent, with the ``largest`` that may be."""
+        self.counts['withheld'] += 1
+        self._logger.error(
+            f'sending 0 N: the effort for position {position:g} m, velocity {velocity:g} m/s is '
+            f'{effort:g} N, beyond [-{largest:g}, {largest:g}] N', throttle_duration_sec=5.0)
+
+    def _progress(self) -> tuple[int, float]:
+        answers, parameters = self._controller.answers, self._controller.parameters
+        return answers.sent, answers.sent * parameters.time_step
+
+    def _report(self, rate: float) -> tuple[bytes, str, dict[str, object]]:
+        controller, counts = self._controller, self.counts
+        answers, states, other = controller.answers, controller.states, controller.active_other
+        wrong = controller.rate.wrong(states.stamp, answers.sent)
+        if wrong:
+            self._logger.error(wrong, throttle_duration_sec=20.0)
+        if states.run == '' and controller.count_publishers(JOINT_COMMANDS) > 1:
+            self._logger.warning(f'several controllers publish {JOINT_COMMANDS} for a plant '
+                                 'that takes all of them', throttle_duration_sec=20.0)
+        is_bad = counts['withheld'] or controller.timeout.deserted or wrong
+        level = (DiagnosticStatus.ERROR if is_bad
+                 else DiagnosticStatus.WARN if counts['rejected'] else DiagnosticStatus.OK)
+        message = wrong or (
+            'not active' if not controller.active else 'answering' if rate else
+            f'standing by for {name_of(other)}' if other else 'waiting for states')
+        return level, message, {
+            'answered': answers.sent, 'impulses': answers.impulses, **counts,
+            'lost': controller.rate.lost(states.stamp, answers.sent),
+            'x_r': controller.parameters.x_r}
