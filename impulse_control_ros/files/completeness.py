@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.protocol import FOREIGN
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import SECOND, seconds
 from impulse_control_ros.files.run_choice import OneRun
-from impulse_control_ros.files.run_parameters import Change
+from impulse_control_ros.files.run_parameters import acting, Change
 from impulse_control_ros.files.series import Messages
 
 
@@ -42,7 +42,7 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
 
 
 def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Say which states have no command, but for the last one, and which commands no event."""
+    """Say which states but the last have no command, and which impulses no event."""
     states, commands, impulses = run.series
     plant = next((change for change in changes if change.is_plant), None)
     if not len(commands.rows):
@@ -51,6 +51,13 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
         answered = is_in(states.stamps[:-1], commands.stamps)
         if missing := int(np.count_nonzero(~answered)):
             yield f'{missing} states have no command'
+    elif not run.source.run or states.rows['is_reset'][0]:
+        began = [change for change in acting(changes, commands)
+                 if change.anew and not change.is_plant]
+        for change in began:
+            if change.stamp not in commands.stamps:
+                yield (f'the first commands of {change.node} are missing: it has commanded from '
+                       f'{seconds(change.stamp)} s on')
     fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
         yield f'{missing} commands name a guard whose event is missing'

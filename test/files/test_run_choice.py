@@ -289,3 +289,12 @@ def test_a_free_run_need_not_answer_every_state(tmp_path, made, short):
     bag = recorded_elsewhere(tmp_path / 'bag', sent([
         *all_told(free), *without(entries(short), (COMMANDS, 3))]))
     assert read(bag).lacks == []
+
+
+def test_the_first_commands_of_a_free_run_are_missed(tmp_path, made, short):
+    free = replace(made, plant_simulator=replace(
+        made.plant_simulator, lockstep=False, real_time_factor=1.0))
+    bag = recorded_elsewhere(tmp_path / 'bag', sent([
+        *all_told(free), *without(entries(short), (COMMANDS, 0), (COMMANDS, 1))]))
+    assert read(bag).lacks == ['the first commands of /controller are missing: it has commanded '
+                               'from 1.000000000 s on']
