@@ -1,4 +1,4 @@
-"""Which command acts on the plant: its part of core/protocol.py, with its timers."""
+"""Selection of the command that acts on the plant: core/protocol.py with its timers."""
 
 from impulse_control_ros.core.protocol import (
     after_reset,
@@ -10,19 +10,19 @@ from impulse_control_ros.core.protocol import (
     Verdict,
 )
 
-SOON = 0.02  # s; the least time after which an unanswered state is published again
+SOON = 0.02  # s; minimum time before an unanswered state is republished
 ROUND_TRIPS = 20
-LONGEST_LOOK = 0.1  # s between two looks; a process that was stopped longer heard nobody
+LONGEST_LOOK = 0.1  # s; maximum silence counted per look, as the process may have been stopped
 Stamp = tuple[int, int]
 
 
 class CommandArbiter:
     """
-    The commands for the plant of ``run``, which waits for them in ``lockstep``.
+    Selects the commands for the plant of ``run``, which waits for them in ``lockstep``.
 
-    ``header`` is that of its states. ``effort`` [N] is what acts, ``awaiting`` whether the
-    present state is yet to be answered, and ``silent`` [s] how long nobody has answered it.
-    ``counts`` has the commands by what became of them. Times ``now`` are in s, of one clock.
+    ``header`` is the header of its states. ``effort`` [N] is the applied effort, ``awaiting``
+    tells whether the present state is unanswered, and ``silent`` [s] for how long. ``counts`` has
+    the commands by outcome. Times ``now`` are in s, of one clock.
     """
 
     def __init__(self, run: str, lockstep: bool, now: float) -> None:
@@ -32,16 +32,16 @@ class CommandArbiter:
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0)
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
-        self._newest: Stamp = (0, 0)  # that has acted, without lockstep
+        self._newest: Stamp = (0, 0)  # newest one applied, without lockstep
         self._asked_at = self._looked_at = now
         self._round_trip = 0.0  # s; follows the median of the time from state to command
 
     def expect(self, stamp: Stamp, now: float) -> None:
-        """Take the command for the state of ``stamp``, which is published ``now``."""
+        """Expect the command for the state of ``stamp``, published ``now``."""
         self._stamp, self._asked_at, self.awaiting = stamp, now, self._lockstep
 
     def take(self, sender: CommandHeader, stamp: Stamp, effort: float, now: float) -> Verdict:
-        """Take a command; what acts is from then on the ``effort`` [N]."""
+        """Take a command; if accepted, its ``effort`` [N] acts from now on."""
         before = self.header
         is_due = (self.awaiting and stamp == self._stamp if self._lockstep
                   else self._is_newest(stamp, sender))
@@ -62,7 +62,7 @@ class CommandArbiter:
         return verdict
 
     def _is_newest(self, stamp: Stamp, sender: CommandHeader) -> bool:
-        """Tell whether a command is later than those of its author that have acted."""
+        """Tell whether a command is newer than those already applied from its author."""
         if stamp == (0, 0):  # it answers no state
             return True
         known = sender.author == self.header.controller
@@ -72,21 +72,21 @@ class CommandArbiter:
 
     @property
     def patience(self) -> float:
-        """The time [s] after which an unanswered state is published again."""
+        """The time [s] after which an unanswered state is republished."""
         return max(SOON, ROUND_TRIPS * self._round_trip)
 
     def look(self, now: float) -> None:
-        """Count the time in which nobody answers; a time in which we were stopped is none."""
+        """Measure the time without an answer, except time in which the process was stopped."""
         self.silent += min(now - self._looked_at, LONGEST_LOOK)
         self._looked_at = now
 
     def drop_silent(self, timeout: float) -> bool:
-        """Name nobody once the active controller has been silent; returns whether it was."""
+        """Drop the active controller after ``timeout`` [s] of silence; returns whether it did."""
         if self._lockstep and not self.awaiting:
             return False  # the next state names the author of the command that acts
         before, self.header = self.header, after_silence(self.header, self.silent, timeout)
         return before is not self.header and before.controller != ''
 
     def reset(self) -> None:
-        """Begin the next episode; nothing acts on the axis until the next command."""
+        """Begin the next episode, with 0 N until the next command."""
         self.header, self.effort = after_reset(self.header), 0.0

@@ -1,39 +1,40 @@
 """
-Who a message is from: the protocol between the plant, its controllers and its recorders.
+The protocol between the plant, its controllers and its recorders.
 
-Every message names its run and its author in ``header.frame_id``, which JointState does not use:
+Every message has its run and author in ``header.frame_id``, otherwise unused in JointState:
 
 =====================  ============================  ===========================================
 message                frame_id                      meaning
 =====================  ============================  ===========================================
-joint_states           run:NNNNNNNN.E CONTROLLER     CONTROLLER: the active one, absent for none
-joint_commands         run:NNNNNNNN.E AUTHOR GUARD   GUARD: the one that fired, absent for none
+joint_states           run:NNNNNNNN.E CONTROLLER     CONTROLLER: the active one, absent if none
+joint_commands         run:NNNNNNNN.E AUTHOR GUARD   GUARD: the one that fired, absent if none
 impulse_events         run:NNNNNNNN.E AUTHOR GUARD
 recorder_progress      run:NNNNNNNN RECORDER
-run_parameters (node)  run:NNNNNNNN NODE             NODE: a plant's name, a controller's id
+run_parameters (node)  run:NNNNNNNN NODE             NODE: plant name or controller id
 =====================  ============================  ===========================================
 
-NNNNNNNN are 8 hexadecimal digits drawn at each start of a plant. E is the episode: 0, and one
-more at each reset. An id is a node's full name, ``#`` and 4 digits drawn at its start. Any other
-frame_id is that of a foreign peer: a robot's driver, or somebody's own controller.
+NNNNNNNN: 8 random hexadecimal digits, new at each start of a plant. E: the episode, 0 at the
+start and incremented at each reset. An id is a node's full name, ``#`` and 4 random hexadecimal
+digits, new at each start. Any other frame_id belongs to a foreign peer: a robot driver or a
+third-party controller.
 
-1. The plant decides who controls. While its states name no controller, every controller may
-   answer. The author of the first command with the right stamp becomes active, and is named from
-   the next state on. Commands of others are ignored. A state without a command is published
-   again soon. When the active controller has been silent for ``command_timeout``, the plant
-   publishes the state again and names nobody.
-2. A controller answers states that name it or nobody. It stands by for any other. It answers a
-   state with the same stamp again with the same bytes. Another run or episode clears its memory.
-3. A controller stays with its run while states of it come. It ignores states of another run, and
-   adopts that run after `RUN_TIMEOUT` without a state of its own.
+1. The plant selects the active controller. While its states name none, every controller may
+   answer. The author of the first command with the right stamp becomes active and is named from
+   the next state on. Commands of others are ignored. An unanswered state is republished soon.
+   When the active controller has been silent for ``command_timeout``, the plant republishes the
+   state without a name.
+2. A controller answers states that name it or no controller, and stands by otherwise. It answers
+   a republished state with the same bytes. A new run or episode clears its memory.
+3. A controller keeps its run while it receives states of it. It ignores states of another run,
+   and adopts that run after `RUN_TIMEOUT` without a state of its own.
 4. A foreign plant is always answered, with the guard alone as frame_id. The plant takes the
    commands of a foreign controller by rule 1, and its states then name `FOREIGN`.
-5. A recorder joins when it publishes its progress, and leaves after ``recorder_timeout``
-   without. The plant stays at most `WINDOW` samples ahead of the slowest. When a recorder has
-   joined, or a controller has become active, the plant publishes its state again until every
-   recorder has the sample whole.
-6. Parameters are on run_parameters before the state that they first act with. A controller
-   answers one of our plants only once it knows that plant's parameters.
+5. A recorder joins when it publishes its progress, and is dropped after ``recorder_timeout``
+   without any. The plant stays at most `WINDOW` samples ahead of the slowest. When a recorder
+   joins or a controller becomes active, the plant republishes its state until every recorder
+   has the complete sample.
+6. Parameters are published on run_parameters before the state at which they take effect. A
+   controller answers one of our plants only once it has that plant's parameters.
 
 The decisions are pure functions: test/core/test_protocol.py searches their interleavings.
 """
@@ -54,7 +55,7 @@ _NODE = re.compile(r'(?:run:([0-9a-f]{8}) )?(\S+)')
 
 
 class StateHeader(NamedTuple):
-    """The frame_id of a state: ``run`` is '' of a foreign plant, ``controller`` '' for none."""
+    """The frame_id of a state; ``run`` is '' for a foreign plant, ``controller`` '' if none."""
 
     run: str = ''
     episode: int = 0
@@ -72,8 +73,8 @@ class CommandHeader(NamedTuple):
     """
     The frame_id of a command or an event.
 
-    ``run`` is '' where a foreign plant is answered, or where a foreign controller answers; the
-    ``author`` is then `FOREIGN`, and ``guard`` the whole frame_id.
+    ``run`` is '' if the plant or the controller is foreign; a parsed ``author`` is then
+    `FOREIGN`, and ``guard`` the whole frame_id.
     """
 
     run: str = ''
@@ -90,25 +91,25 @@ class CommandHeader(NamedTuple):
 
 
 class NodeHeader(NamedTuple):
-    """Who publishes progress or parameters: ``run`` is '' beside a foreign plant."""
+    """The author of progress or parameters; ``run`` is '' with a foreign plant."""
 
     run: str
     node: str
 
     @property
     def frame_id(self) -> str:
-        """The text that stands in the message."""
+        """The text in the message."""
         return f'run:{self.run} {self.node}' if self.run else self.node
 
 
 def parse_state(frame_id: str) -> StateHeader:
-    """Return what a state's frame_id says."""
+    """Parse the frame_id of a state."""
     found = _STATE.fullmatch(frame_id)
     return StateHeader(found[1], int(found[2]), found[3] or '') if found else StateHeader()
 
 
 def parse_command(frame_id: str) -> CommandHeader:
-    """Return what the frame_id of a command or an event says."""
+    """Parse the frame_id of a command or an event."""
     found = _COMMAND.fullmatch(frame_id)
     if not found:
         return CommandHeader(guard=frame_id)
@@ -116,18 +117,18 @@ def parse_command(frame_id: str) -> CommandHeader:
 
 
 def parse_node(frame_id: str) -> NodeHeader:
-    """Return what the frame_id of progress, or the node of parameters, says; '' for nothing."""
+    """Parse the frame_id of progress or the node of parameters; both parts are '' if invalid."""
     found = _NODE.fullmatch(frame_id)
     return NodeHeader(found[1] or '', found[2]) if found else NodeHeader('', '')
 
 
 def new_run() -> str:
-    """Draw the id of a run."""
+    """Return a random id for a run."""
     return secrets.token_hex(4)
 
 
 def new_id(full_name: str) -> str:
-    """Draw the id of a node."""
+    """Return a random id for a node."""
     return f'{full_name}#{secrets.token_hex(2)}'
 
 
@@ -143,7 +144,7 @@ class Verdict(Enum):
     """What the plant does with a command."""
 
     ACTS = auto()
-    STALE = auto()  # not the one that is due
+    STALE = auto()  # not the expected stamp
     IGNORED = auto()  # another controller is active
     OTHER_RUN = auto()
 
@@ -153,7 +154,8 @@ def judge_command(active: StateHeader, sender: CommandHeader, is_due: bool
     """
     Decide on a command while the plant's states have the header ``active``.
 
-    ``is_due`` tells whether its stamp is the right one. Returns the header of the next state.
+    ``is_due`` tells whether its stamp is the expected one. Returns the header of the next state
+    and the verdict.
     """
     ours = sender.run == active.run and sender.episode == active.episode
     if not ours and sender.author != FOREIGN:
@@ -168,7 +170,7 @@ def judge_command(active: StateHeader, sender: CommandHeader, is_due: bool
 
 
 def after_silence(active: StateHeader, silent: float, command_timeout: float) -> StateHeader:
-    """Return the header with which a state that nobody has answered is published again."""
+    """Return the header with which an unanswered state is republished."""
     return active._replace(controller='') if silent >= command_timeout else active
 
 
@@ -181,10 +183,10 @@ def step_limit(reached: Iterable[int], since: int) -> int:
     """
     Return the first tick that the recorders do not let the plant leave.
 
-    ``reached`` has the last tick that each of them has whole. ``since`` is the tick that all must
-    have: that at which the last recorder joined or the last controller became active, for their
-    endpoints may not be matched yet. When the active controller is silent for command_timeout
-    meanwhile, the plant takes the present tick as reached: what they lack will not come.
+    ``reached`` has the last complete tick of each recorder. All must have ``since``, the tick at
+    which the last recorder joined or the last controller became active: new endpoints may not be
+    matched yet. If the active controller is silent for command_timeout meanwhile, the plant takes
+    the present tick as reached, because the missing messages will not arrive.
     """
     slowest = min(reached, default=ENDLESS)
     return slowest + WINDOW if slowest >= since else 0
@@ -200,15 +202,16 @@ class Reply(Enum):
     ANSWER_AFRESH = auto()  # with an empty memory
     REPEAT = auto()  # send the same bytes again
     STAND_BY = auto()
-    STALE = auto()  # older than one that is answered
+    STALE = auto()  # older than the last one answered
     OTHER_RUN = auto()
 
 
 class Answered(NamedTuple):
     """
-    What a controller has answered last: the run, the episode and the stamp [ns].
+    The last state a controller answered: run, episode and stamp [ns].
 
-    ``run`` is None before the first state. ``stamp`` is 0 where the next answer starts afresh.
+    ``run`` is None before the first state. ``stamp`` is 0 if the next answer starts with an empty
+    memory.
     """
 
     run: str | None = None
@@ -219,10 +222,10 @@ class Answered(NamedTuple):
 def judge_state(own_id: str, last: Answered, state: StateHeader, stamp: int, step: int,
                 quiet: float) -> tuple[Answered, Reply]:
     """
-    Decide on a state of ``stamp`` [ns] of one of our plants.
+    Decide on a state of one of our plants at ``stamp`` [ns].
 
-    ``step`` [ns] is the time between states in lockstep, 0 for any; ``quiet`` [s] the wall time
-    since the last state of the controller's run.
+    ``step`` [ns] is the time between states in lockstep, 0 if arbitrary; ``quiet`` [s] is the
+    wall time since the last state of the controller's run.
     """
     if state.run != last.run:
         if last.run is not None and quiet < RUN_TIMEOUT:
@@ -240,7 +243,7 @@ def judge_state(own_id: str, last: Answered, state: StateHeader, stamp: int, ste
 
 
 def judge_foreign_state(last: Answered, stamp: int, quiet: float) -> tuple[Answered, Reply]:
-    """Decide on a state of a foreign plant as `judge_state` does; its time may go back."""
+    """Decide on a state of a foreign plant, like `judge_state`; its time may go back."""
     if last.run != '':
         if last.run is not None and quiet < RUN_TIMEOUT:
             return last, Reply.OTHER_RUN

@@ -1,23 +1,23 @@
 """
-The plant's view of the recorders: how far each is, and so how far simulated time may go.
+Flow control by the recorders: how far simulated time may advance.
 
-A recorder publishes on recorder_progress the stamp up to which it has whole samples. That is flow
-control over an ordinary topic: DDS alone would drop messages (keep last) or fail the publish (keep
-all), and tell the sender of neither.
+A recorder publishes on recorder_progress the stamp up to which its samples are complete. DDS
+alone would drop messages (keep last) or fail to publish them (keep all), without telling the
+sender.
 """
 
 from impulse_control_ros.core.protocol import ENDLESS, step_limit
 from impulse_control_ros.core.tick import SampleClock, SECOND
 
-LEAVES = 2**31 - 1  # s; the progress of a recorder that ends
+LEAVES = 2**31 - 1  # s; progress that announces the end of a recorder
 
 
 class RecorderFlowControl:
     """
-    The joined recorders of a plant, whose time is that of ``clock``.
+    The recorders that joined a plant, whose time is that of ``clock``.
 
-    The plant may leave the ticks below ``limit``. Without ``lockstep`` recorders are known, but
-    hold nothing.
+    The plant may leave the ticks below ``limit``. Without ``lockstep``, recorders never hold the
+    plant.
     """
 
     def __init__(self, clock: SampleClock, lockstep: bool) -> None:
@@ -31,7 +31,7 @@ class RecorderFlowControl:
         return len(self._reached)
 
     def take(self, recorder: str, stamp_ns: int, now: float) -> str:
-        """Take the progress of a recorder, received ``now`` [s]; returns what is new about it."""
+        """Take the progress of a recorder, received ``now`` [s]; returns its news for the log."""
         if stamp_ns >= LEAVES * SECOND:
             return 'has ended' if self._drop(recorder) else ''
         news = '' if recorder in self._reached else 'has joined'
@@ -46,7 +46,7 @@ class RecorderFlowControl:
         return news
 
     def drop_silent(self, now: float, timeout: float) -> list[str]:
-        """Drop the recorders that have been silent for ``timeout`` [s]; returns which."""
+        """Drop the recorders that have been silent for ``timeout`` [s]; returns their ids."""
         return [recorder for recorder, heard_at in list(self._heard_at.items())
                 if now > heard_at + timeout and self._drop(recorder)]
 
@@ -57,12 +57,12 @@ class RecorderFlowControl:
         return known
 
     def hold(self) -> None:
-        """Stay until every recorder has the present sample: an endpoint may be new."""
+        """Hold the plant until every recorder has the present sample; an endpoint may be new."""
         self._since = max(0, self._clock.tick)
         self._update()
 
     def let_go(self) -> None:
-        """Wait no longer for what a recorder lacks: it will not come."""
+        """Stop waiting for missing messages up to the present tick; they will not arrive."""
         for recorder, reached in self._reached.items():
             self._reached[recorder] = max(reached, self._clock.tick)
         self._update()

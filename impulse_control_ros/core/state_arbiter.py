@@ -1,4 +1,4 @@
-"""Which states a controller answers: its part of core/protocol.py, with its timer."""
+"""Selection of the states that a controller answers: core/protocol.py with its timer."""
 
 import math
 
@@ -13,10 +13,10 @@ from impulse_control_ros.core.protocol import (
 
 class StateArbiter:
     """
-    The states for the controller with the id ``own_id``, which are ``step_ns`` apart.
+    Selects the states that the controller ``own_id`` answers; they are ``step_ns`` apart.
 
-    ``run`` is that of the plant it answers, '' of a foreign one and None before the first;
-    ``stamp`` [ns] is that of the last state it answered, 0 where the next answer starts afresh.
+    ``run`` is the run it answers, '' for a foreign plant and None before the first. ``stamp``
+    [ns] is that of the last answered state, 0 if the next answer starts with an empty memory.
     Times ``now`` are in s, of one clock.
     """
 
@@ -26,11 +26,11 @@ class StateArbiter:
         self._own_id, self._step_ns = own_id, step_ns
         self._episode = 0
         self._heard_at = -math.inf
-        self._named: StateHeader | None = None  # that of a lockstep run which names us
+        self._named: StateHeader | None = None  # last header, if it names us in lockstep
         self._due = 0
 
     def follows(self, header: StateHeader, stamp: int, now: float) -> bool:
-        """Tell at once of the usual state, which names us and is the next one in lockstep."""
+        """Accept the usual case fast: the next state in lockstep, which names us."""
         if header is not self._named or stamp != self._due:
             return False
         self.stamp, self._due, self._heard_at = stamp, stamp + self._step_ns, now
@@ -53,5 +53,5 @@ class StateArbiter:
         return reply
 
     def forget(self) -> None:
-        """Answer the next state afresh."""
+        """Answer the next state with an empty memory."""
         self.stamp, self._due = 0, 0

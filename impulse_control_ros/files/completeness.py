@@ -1,4 +1,4 @@
-"""What a bag lacks of its run, whoever recorded it: found in its messages."""
+"""What a bag of any recorder lacks of its run, determined from its messages."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from impulse_control_ros.files.series import Messages
 
 
 def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
-    """Return in plain sentences what a run with these ``changes`` of parameters lacks."""
+    """Return what a run with these parameter ``changes`` lacks, as sentences."""
     if not len(run.series.states.rows):
         return []
     return [*of_others(run), *of_states(run, changes), *of_commands(run, changes),
@@ -21,13 +21,13 @@ def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
 
 
 def of_others(run: OneRun) -> Iterator[str]:
-    """Say what was left out."""
+    """Report the messages that are left out."""
     for name, count in run.others.items():
         yield f'{name} is left out ({count} messages)'
 
 
 def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Say where states of one of our plants are missing: theirs are one every time step."""
+    """Report a start in mid-run and missing states of our plants, one per time step."""
     states = run.series.states.rows
     if not run.source.run:
         return
@@ -42,7 +42,7 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
 
 
 def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Say which states but the last have no command, and which impulses no event."""
+    """Report states (except the last) without a command, and impulses without an event."""
     states, commands, impulses = run.series
     plant = next((change for change in changes if change.is_plant), None)
     if not len(commands.rows):
@@ -64,7 +64,7 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
 
 
 def of_parameters(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Say whose parameters are missing."""
+    """Report the nodes whose parameters are missing."""
     if run.source.run and not any(change.is_plant for change in changes):
         yield 'the parameters of the plant are missing'
     known = {change.node_id for change in changes if not change.is_plant}
@@ -84,7 +84,7 @@ def authors(commands: Messages) -> list[str]:
 
 
 def is_in(stamps: np.ndarray, among: np.ndarray) -> Any:
-    """Return which of ``stamps`` are ``among`` others; both in order."""
+    """Return which of ``stamps`` are ``among`` others; both are sorted."""
     if np.array_equal(among[:len(stamps)], stamps):
         return np.ones(len(stamps), bool)
     return np.append(among, 0)[np.searchsorted(among, stamps)] == stamps

@@ -1,4 +1,4 @@
-"""The recording of one run: its join, and its bag from the first sample on."""
+"""The recording of one run: its joiner, and its bag from the first sample on."""
 
 from collections.abc import Callable, Sequence
 from time import monotonic
@@ -7,18 +7,18 @@ from impulse_control_ros.core.protocol import RUN_TIMEOUT
 from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
 from impulse_control_ros.files.sample_joiner import Plant, SampleJoiner
 
-# s after which what is waited for will not come: DDS sends it again within 3 s, if its author
-# lives; one that another has replaced is dead, or will be too late
+# s to wait for a missing message: DDS resends it within 3 s if its author is alive; a replaced
+# author is dead, or its message would come too late
 GIVE_UP, GIVE_UP_REPLACED = 5.0, 1.0
-LONGEST_LOOK = 0.1  # s between two looks; a process that was stopped longer heard nobody
+LONGEST_LOOK = 0.1  # s; maximum time counted per look, as the process may have been stopped
 
 
 class RunRecording:
     """
-    The recording of the run of ``plant``, into the bag that ``make_bag`` makes.
+    Records the run of ``plant`` into the bag that ``make_bag`` creates.
 
-    ``run`` is its id. ``bag`` is None before the first state and command are there; ``described``
-    returns the topics from a number on.
+    ``run`` is its id. ``bag`` is None until a state and a command have arrived. ``described``
+    returns the topics from a given number on.
     """
 
     def __init__(self, plant: Plant, make_bag: Callable[[], BagWriter],
@@ -33,7 +33,7 @@ class RunRecording:
         self._quiet = self._stuck = 0.0
 
     def write(self, everything: bool = False) -> None:
-        """Move what is whole into the bag."""
+        """Write the complete samples, or ``everything``, into the bag."""
         joiner = self.joiner
         if not joiner.begun:
             joiner.forget_early_states()
@@ -59,7 +59,7 @@ class RunRecording:
         self._topics += len(topics)
 
     def look(self) -> None:
-        """Count the time without a word of the run, and without another whole sample."""
+        """Measure the time without a state of the run, and without a new complete sample."""
         joiner, now = self.joiner, monotonic()
         elapsed, self._looked_at = min(now - self._looked_at, LONGEST_LOOK), now
         if joiner.heard != self._heard:
@@ -73,15 +73,15 @@ class RunRecording:
 
     @property
     def is_quiet(self) -> bool:
-        """Whether the run's plant has left, as far as its states tell."""
+        """Whether no state of the run has arrived for `RUN_TIMEOUT`."""
         return self._quiet > RUN_TIMEOUT
 
     def finish(self) -> str:
-        """Finish the bag with all that is there; returns what is in it, '' without a bag."""
+        """Finish the bag with everything received; returns a summary, '' without a bag."""
         self.write(everything=True)
         if self.bag is None:
             return ''
-        self._add_topics()  # those on which nothing was published
+        self._add_topics()  # the topics without messages
         counts = {name: str(value) for name, value in self.joiner.counts.items()
                   if name != 'states'}
         self.bag.close({**counts, 'wall_seconds': f'{self._wrote_at - self._began_at:.6f}'})

@@ -1,15 +1,14 @@
 """
-The join of a recording: one run's messages of several topics, sample by sample.
+The joiner of a recording: joins one run's messages of several topics, sample by sample.
 
-A sample is whole once its state, the command that answers it, and the event that this command
-announces are there. It is handed out once the next state is there too: of several commands for
-one stamp the one counts whose author the next state names. Within a sample the order is: its
-parameters, the state, the event, the command, and what has no stamp of its own, as ``damping``,
-which stands behind the state that was published last before it.
+A sample is complete when it has its state, the command that answers it, and the event that this
+command announces. It is released once the next state has arrived, which names the author of the
+command that counts. Within a sample the order is: parameters, state, event, command, and then
+unstamped messages, such as ``damping``, which follow the last state published before them.
 
-What a sample lacks is waited for until its author has sent something later, or until `give_up`;
-then it is missing. What comes again is repeated. Both are counted, as is what another run or a
-foreign peer sends (core/protocol.py): the former is left out, the latter kept.
+The joiner waits for a missing message until its author has sent a later one, or until `give_up`;
+the message then counts as missing. Duplicates count as repeated. Messages of another run or of a
+foreign peer (core/protocol.py) count as foreign; the former are left out, the latter kept.
 """
 
 from collections import deque
@@ -30,7 +29,7 @@ STATES, EVENTS, COMMANDS, PARAMETERS = range(1, 5)  # channels, as files/topics.
 
 
 class Plant(NamedTuple):
-    """The plant of a run: ``run`` is '' of a foreign one, ``lockstep`` that it waits."""
+    """The plant of a run; ``run`` is '' if foreign, ``lockstep`` tells whether it waits."""
 
     run: str
     joint: str
@@ -40,12 +39,12 @@ class Plant(NamedTuple):
 
 class SampleJoiner:
     """
-    The join of the run of ``plant``.
+    Joins the messages of the run of ``plant``.
 
-    ``newest`` is the stamp [ns] of the newest state, and ``reached`` that of the last whole
-    sample; ``heard`` counts its states with those that come again. ``other`` is another run that
-    was heard, None for none. ``counts`` has the states handed out, and what is missing, repeated
-    and foreign.
+    ``newest`` is the stamp [ns] of the newest state, ``reached`` that of the last complete
+    sample. ``heard`` counts the received states, including duplicates. ``other`` is another run
+    that was heard, None if none. ``counts`` has the released states and the missing, repeated and
+    foreign messages.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -55,14 +54,14 @@ class SampleJoiner:
         self.counts = {'states': 0, 'missing': 0, 'repeated': 0, 'foreign': 0}
         self._read, self._joint = StampedReader(parse_state).read, string(plant.joint)
         self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
-        self._named = ''  # by the newest copy of the newest state
+        self._named = ''  # in the newest copy of the newest state
         self._answers = {COMMANDS: AnswerQueue(plant.run), EVENTS: AnswerQueue(plant.run)}
         self._unstamped = UnstampedQueue()
-        self._loose: list[Entry] = []  # belongs to a state, and is no answer to it
-        self._done = 0  # stamp of the last state handed out
-        self._answered = False  # whether a state with its command was
+        self._loose: list[Entry] = []  # belongs to a state without answering it
+        self._done = 0  # stamp of the last released state
+        self._answered = False  # whether a state with its command was released
 
-    # -- what comes in ------------------------------------------------------------------
+    # -- input --------------------------------------------------------------------------
 
     def add(self, channel: int, raw: bytes, time: int) -> None:
         """Take a message that was published at ``time`` [ns]."""
@@ -70,7 +69,7 @@ class SampleJoiner:
             self._add_state(raw, time)
         elif channel in self._answers:
             why_not, stamp = self._answers[channel].add(raw, self._done)
-            if why_not == 'unstamped':  # it answers no state: behind the last one that does
+            if why_not == 'unstamped':  # goes behind the last one with a stamp
                 self._loose.append((stamp, channel, raw))
             elif why_not:
                 self.counts[why_not] += 1
@@ -95,7 +94,7 @@ class SampleJoiner:
         elif ours and (run or stamp == self.newest):
             self.heard += 1
             self.counts['repeated'] += 1
-        else:  # of a foreign plant whose time goes back it may be another run
+        else:  # another run, or a foreign plant whose time went back
             self.counts['foreign'] += 1
             if header.run or self._joint in raw:
                 self.other = header.run
@@ -104,33 +103,33 @@ class SampleJoiner:
 
     @property
     def begun(self) -> bool:
-        """Whether there are both a state and a command."""
+        """Whether a state and a command have arrived."""
         return bool(self._done or (self._states and self._answers[COMMANDS]))
 
     @property
     def in_flight(self) -> bool:
-        """Whether more than the answer to the newest state is on its way."""
+        """Whether more samples than the newest one are incomplete."""
         return self.newest > self.reached + self.plant.step_ns
 
     @property
     def is_blocked(self) -> bool:
-        """Whether a sample is waited for that another one follows."""
+        """Whether a sample is held although a later state has arrived."""
         return len(self._states) > 1
 
     @property
     def is_replaced(self) -> bool:
-        """Whether the author that is waited for is no longer the active one."""
+        """Whether the awaited author is no longer the active controller."""
         return self.is_blocked and self._answers[COMMANDS].is_replaced(self._states[1][1])
 
     def forget_early_states(self) -> None:
-        """Keep the newest states of a plant that runs without a controller: it may do so long."""
+        """Keep only the newest states: a plant may run for long without a controller."""
         while len(self._states) > WINDOW:
             self._states.popleft()
 
-    # -- what goes out ------------------------------------------------------------------
+    # -- output -------------------------------------------------------------------------
 
     def take(self, everything: bool = False) -> list[Entry]:
-        """Return in order what is complete, or ``everything`` that is there."""
+        """Return the complete samples in order, or ``everything`` received."""
         entries: list[Entry] = []
         states = self._states
         self._loose += self._unstamped.placed(everything)
@@ -138,7 +137,7 @@ class SampleJoiner:
             stamp, _, raw = states[0]
             follows = len(states) > 1
             command, event, waits = self._sample(stamp, states[1][1] if follows else self._named)
-            # whom the plant has heard it says in another copy of its state
+            # another copy of the last state will name the controller that was heard
             if (waits or not (follows or self._named or not self.plant.lockstep)) and (
                     not everything):
                 break
@@ -147,7 +146,7 @@ class SampleJoiner:
                 break
             states.popleft()
             if command is None and follows and self.plant.lockstep and not self._answered:
-                continue  # it was answered before we joined
+                continue  # answered before we joined
             if self._loose:
                 entries += self._loose_until(stamp, PARAMETERS)
             entries.append((stamp, STATES, raw))
@@ -163,7 +162,7 @@ class SampleJoiner:
         return entries
 
     def _sample(self, stamp: int, named: str) -> tuple[Answer | None, Answer | None, bool]:
-        """Return command and event of a state, and whether one of them is to be waited for."""
+        """Return command and event of a state, and whether to wait for one of them."""
         command, is_lost = self._answers[COMMANDS].find(stamp, named)
         if command is None:
             needed = self.plant.lockstep or named not in ('', FOREIGN) or self._answered
@@ -174,7 +173,7 @@ class SampleJoiner:
         return command, event, event is None and not is_lost
 
     def give_up(self) -> None:
-        """Wait no longer for what the first sample lacks, if there is a later one."""
+        """Stop waiting for what the first sample lacks, if a later state has arrived."""
         if self.is_blocked:
             stamp, named = self._states[0][0], self._states[1][1]
             command, _, _ = self._sample(stamp, named)
@@ -183,13 +182,13 @@ class SampleJoiner:
 
     def _account(self, stamp: int, command: Answer | None, event: Answer | None, follows: bool
                  ) -> None:
-        """Count a sample, and what it lacks or has twice."""
+        """Count a sample and its missing and repeated messages."""
         counts, step = self.counts, self.plant.step_ns
         counts['states'] += 1
         if self._done and stamp != self._done + step:
             counts['missing'] += max(0, (stamp - self._done) // step - 1)
         if command is None:
-            # the last one of all may be left unanswered, and those before the first answer
+            # the last state and those before the first answer may be unanswered
             counts['missing'] += follows and self._answered
         else:
             self._answered = True
@@ -199,7 +198,7 @@ class SampleJoiner:
             counts['repeated'] += max(0, answers.pop(stamp) - 1)
 
     def _loose_until(self, stamp: int, channel: int = 0) -> Iterator[Entry]:
-        """Yield what belongs to samples up to ``stamp``, of one ``channel`` or of all."""
+        """Yield the loose messages up to ``stamp``, of one ``channel`` or, if 0, of all."""
         due = [one for one in self._loose if one[0] <= stamp and channel in (0, one[1])]
         if due:
             self._loose = [one for one in self._loose if one not in due]

@@ -1,8 +1,4 @@
-"""
-What waits in a join: the answers for their states, and what has no stamp for a place.
-
-files/sample_joiner.py has the join itself.
-"""
+"""The queues of files/sample_joiner.py: for answers and for unstamped messages."""
 
 from bisect import bisect
 from collections.abc import Callable
@@ -14,8 +10,8 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import read_header, string
 
 KEPT = 100_000
-TEXT_AT = 12  # the frame_id, behind encapsulation and stamp
-NONE = b'\xff' * 4  # begins no frame_id
+TEXT_AT = 12  # offset of the frame_id, after encapsulation and stamp
+NONE = b'\xff' * 4  # no frame_id begins with this
 Entry = tuple[int, int, bytes]  # stamp [ns], channel, message
 read_stamp = struct.Struct('<II').unpack_from
 
@@ -29,14 +25,14 @@ class Answer(NamedTuple):
 
 
 class StampedReader:
-    """Reads stamps, and what ``parse`` makes of a frame_id: once for those that are the same."""
+    """Reads stamps and frame_ids; ``parse`` runs only if the frame_id changes."""
 
     def __init__(self, parse: Callable[[str], Any]) -> None:
         self._parse = parse
-        self._text, self._header = NONE, parse('')  # of the message before
+        self._text, self._header = NONE, parse('')  # of the previous message
 
     def read(self, raw: bytes) -> tuple[Any, int]:
-        """Return header and stamp [ns] of a message, 0 for none."""
+        """Return header and stamp [ns] of a message; the stamp is 0 if there is none."""
         if not raw.startswith(self._text, TEXT_AT):
             text = read_header(raw)[1].decode(errors='replace')
             self._text, self._header = string(text), self._parse(text)
@@ -45,7 +41,7 @@ class StampedReader:
 
 
 class AnswerQueue:
-    """The commands, or the events, of a run that wait for their states."""
+    """The commands or the events of a run that wait for their states."""
 
     def __init__(self, run: str) -> None:
         self._run = run
@@ -58,9 +54,10 @@ class AnswerQueue:
 
     def add(self, raw: bytes, done: int) -> tuple[str, int]:
         """
-        Take a message, where states up to the stamp ``done`` are handed out.
+        Take a message; states up to the stamp ``done`` have been released.
 
-        Returns why it is not kept, '' where it is, and its stamp or that of the one before.
+        Returns why it is not kept ('' if it is) and its stamp, or its author's latest stamp if it
+        has none.
         """
         sender, stamp = self._read(raw)
         author = sender.author
@@ -82,9 +79,9 @@ class AnswerQueue:
 
     def find(self, stamp: int, author: str) -> tuple[Answer | None, bool]:
         """
-        Return the answer of an author, '' for any, to the state of ``stamp``.
+        Return the answer of an author ('' for any) to the state of ``stamp``.
 
-        Where there is none, also whether there is a later one of that author.
+        If there is none, also return whether that author has sent a later one.
         """
         for one in self._waiting.get(stamp, ()):
             if author in ('', one.author):
@@ -93,11 +90,11 @@ class AnswerQueue:
                          if author in ('', who))
 
     def give_up(self, stamp: int, author: str) -> None:
-        """Expect nothing more from an author for the state of ``stamp``."""
+        """Stop expecting an answer of an author to the state of ``stamp``."""
         self._latest[author] = stamp + 1
 
     def is_replaced(self, author: str) -> bool:
-        """Tell whether the latest answer is not of this author."""
+        """Tell whether the latest answer is by another author."""
         return max(self._latest, key=lambda one: self._latest[one], default=author) != author
 
     def pop(self, stamp: int) -> int:
@@ -110,7 +107,7 @@ class AnswerQueue:
 
 
 class UnstampedQueue:
-    """The messages without a stamp of their own, and when the states were published."""
+    """The messages without a stamp, and the publish times of the states."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, bytes]] = []  # time [ns], channel, message
@@ -127,7 +124,7 @@ class UnstampedQueue:
         self._waiting.append((time, channel, raw))
 
     def placed(self, everything: bool) -> list[Entry]:
-        """Return what stands before a later state, or ``everything``, with its place."""
+        """Return messages before the newest state, or ``everything``, with their place."""
         times, stamps = self._times, self._stamps
         if len(times) > 2 * KEPT:
             del times[:-KEPT], stamps[:-KEPT]

@@ -1,1 +1,1 @@
-"""The only room that imports rclpy: the nodes translate, decode, call core, encode."""
+"""The nodes: decode, call core, encode. Only this package imports rclpy."""

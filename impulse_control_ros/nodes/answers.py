@@ -1,4 +1,4 @@
-"""What a controller sends: commands, impulse events and its parameters."""
+"""The messages of a controller: commands, impulse events and parameters."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +33,7 @@ class Answers:
         self.address('', 0)
 
     def address(self, run: str, episode: int) -> None:
-        """Answer the states of a run and episode from now on; ``run`` is '' of a foreign plant."""
+        """Answer the states of a run and episode from now on; ``run`` is '' if foreign."""
         self._run = run
         frame_ids = [CommandHeader(run, episode, self._own_id, guard).frame_id for guard in GUARDS]
         self._events, self._commands = (
@@ -42,7 +42,7 @@ class Answers:
 
     def tell_parameters(self, sec: int, nanosec: int, parameters: Mapping[str, Any],
                         changed: Mapping[str, Any]) -> None:
-        """Publish the parameters that act from the state of this stamp on."""
+        """Publish the parameters that take effect at the state of this stamp."""
         node = NodeHeader(self._run, self._own_id).frame_id
         self.parameters.send(encode_parameter_event(sec, nanosec, node, parameters, changed))
 
@@ -72,5 +72,5 @@ class Answers:
         self.commands.send(command)
 
     def send_zero(self) -> None:
-        """Command 0 N in answer to no state: with stamp 0, which ROS reads as no time."""
+        """Command 0 N with stamp 0, which ROS reads as no time: it answers no state."""
         self.commands.send(self._commands[NO_IMPULSE].encode(0, 0, 0.0))

@@ -1,11 +1,11 @@
 """
 Plant, controller and recorder composed in one process, which call each other directly.
 
-A message is published for everybody else, and handed to the other node here as it is. The loop
-hands a state to the controller and its command to the plant for SLICE seconds; between two
-slices the recorder writes what was handed to it, and the executor serves what waits: parameters,
-services, setpoint, timers, discovery. When nothing moves the executor waits instead. A paced
-sample that is due within SPIN is awaited busily: the executor's waits are 0.1 ms too long.
+Messages are published, and passed directly to the other node. The loop passes states to the
+controller and commands to the plant for SLICE seconds. Between two slices the recorder writes the
+messages passed to it, and the executor serves pending work: parameters, services, setpoint,
+timers, discovery. When nothing moves, the executor waits. A paced sample due within SPIN is
+awaited by busy waiting, because the executor waits 0.1 ms too long.
 """
 
 import argparse
@@ -36,7 +36,7 @@ BURST = 50
 
 
 class ClosedLoop:
-    """The composed nodes, and the messages between them that are on their way."""
+    """The composed nodes, and the messages in flight between them."""
 
     def __init__(self) -> None:
         self._plant: PlantSimulator
@@ -45,13 +45,13 @@ class ClosedLoop:
         self._bar: Any = None
 
     def make_plant(self, record: bool) -> PlantSimulator:
-        """Make the plant; it waits for the recorder when there is one."""
+        """Make the plant; it waits for the recorder if there is one."""
         self._plant = PlantSimulator(composed=True, parameter_overrides=[
             Parameter('wait_for_recorder', Parameter.Type.BOOL, record)])
         return self._plant
 
     def make_controller(self) -> Controller:
-        """Make the controller, which knows no other plant."""
+        """Make the controller, connected to this plant only."""
         self._controller = Controller(composed=True)
         self._plant.outputs.parameters.connect(self._controller.plants.on_event)
         self._plant.outputs.states.connect(self._on_state)
@@ -59,7 +59,7 @@ class ClosedLoop:
         return self._controller
 
     def make_recorder(self) -> Recorder:
-        """Make the recorder of all that the two publish."""
+        """Make the recorder of everything that the two publish."""
         plant, answers = self._plant.outputs, self._controller.answers
         recorder = Recorder(outputs={
             JOINT_STATES: [plant.states], IMPULSE_EVENTS: [answers.events],
@@ -84,7 +84,7 @@ class ClosedLoop:
         return self._plant.clock.tick > began
 
     def _run_burst(self) -> bool:
-        """Hand over BURST messages; returns False once none waits."""
+        """Pass on BURST messages; returns False once none is pending."""
         plant, controller = self._plant, self._controller
         for _ in range(BURST):
             if self._state:
@@ -98,7 +98,7 @@ class ClosedLoop:
         return True
 
     def _show(self) -> None:
-        """Draw the progress of simulated time, on a terminal."""
+        """Show the progress of simulated time, on a terminal."""
         duration, elapsed = self._plant.parameters.duration, self._plant.clock.elapsed
         if not duration or self._plant.clock.tick < 0:
             return
@@ -107,13 +107,13 @@ class ClosedLoop:
         self._bar.update(elapsed - self._bar.n)
 
     def close(self) -> None:
-        """Take the progress bar away."""
+        """Remove the progress bar."""
         if self._bar is not None:
             self._bar.close()
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what is not for ROS."""
+    """Add the options that are not ROS arguments."""
     parser.add_argument('--no-recorder', action='store_true', help='run without a recorder')
 
 
@@ -122,7 +122,7 @@ def main(stop: StopRequest) -> int:
     loop = ClosedLoop()
 
     def makers(options: argparse.Namespace) -> list[Maker]:
-        # rcl would pass a node over that is none of the three
+        # rcl would silently ignore a node that is not one of the three
         read_experiment(*(path for flag, path in zip(sys.argv, sys.argv[1:], strict=False)
                           if flag == '--params-file'))
         record = not options.no_recorder

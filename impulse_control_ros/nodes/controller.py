@@ -1,12 +1,12 @@
 """
 The controller node: joint_states in, joint_commands and impulse_events out.
 
-It answers the states that are its to answer by core/protocol.py. A command carries the stamp of
-its state; time is the state's, never a clock's. A plant that does not wait for commands, one
-with ``lockstep: false`` or a foreign one, goes on with the last command. So the controller
-commands 0 N when states stay away for ``state_timeout``, and when it leaves. An effort that is
-not finite, or above ``effort_limit``, never leaves: 0 N is sent instead. All three clear the
-memory of the guards.
+core/protocol.py selects the states that it answers. A command carries the stamp of its state; the
+control law takes time from the states, never from a clock. A plant that does not wait for
+commands, with ``lockstep: false`` or foreign, holds the last command. The controller therefore
+commands 0 N when no state arrives for ``state_timeout``, and when it ends. It sends 0 N instead
+of an effort that is not finite or exceeds ``effort_limit``. All three cases clear the memory of
+the guards.
 """
 
 import math
@@ -42,7 +42,7 @@ INF = math.inf
 
 
 class Controller(ManagedNode):
-    """Answers joint states by the control law; a ``composed`` one takes none from DDS."""
+    """Answers joint states by the control law; if ``composed``, it takes none from DDS."""
 
     def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('controller', ControllerParameters, **options)
@@ -90,7 +90,7 @@ class Controller(ManagedNode):
             self.answers.tell_parameters(sec, nanosec, self.parameters.flat(), self._untold)
             self._untold = None
         effort, area, guard, velocity = self._law.answer(position, velocity)
-        if not abs(effort) <= self._law.largest:  # nor is NaN
+        if not abs(effort) <= self._law.largest:  # also true for NaN
             self._law.forget()
             self._report.withhold(effort, self._law.largest, position, velocity)
             effort, guard = 0.0, NO_IMPULSE
@@ -100,15 +100,15 @@ class Controller(ManagedNode):
             self.answers.send(sec, nanosec, effort)
 
     def _require_measured(self, position: float, velocity: float) -> None:
-        """Raise `UnreadableError` for nonsense; a velocity of nan is estimated."""
+        """Raise `UnreadableError` for unusable values; a velocity of nan is estimated."""
         estimated = self.parameters.velocity_source == 'estimated' or math.isnan(velocity)
         if not (math.isfinite(position) and estimated):
             raise UnreadableError(f'with position {position}, velocity {velocity}')
 
     def _is_to_answer(self, header: StateHeader, stamp: int, raw: bytes) -> bool:
-        """Tell whether to answer a state anew; a repeated one is answered here."""
+        """Tell whether a state needs a new answer; a republished one is answered here."""
         if header.run and header.run not in self.plants:
-            return False  # it comes again, once the plant's parameters are here
+            return False  # republished until the plant's parameters have arrived
         if not header.run and not stamp:
             raise UnreadableError('without a stamp')
         before, last = self.states.run, self.states.stamp
@@ -131,7 +131,7 @@ class Controller(ManagedNode):
         return reply in (Reply.ANSWER, Reply.ANSWER_AFRESH)
 
     def _adopt(self, run: str) -> bool:
-        """Answer a plant from now on; where the two do not fit the node ends."""
+        """Answer a plant from now on; end the node if the parameters disagree."""
         try:
             self.plants.adopt(run, self.parameters)
         except ParameterError as error:
@@ -139,7 +139,7 @@ class Controller(ManagedNode):
         return not self.finished
 
     def _reject(self, raw: bytes, error: UnreadableError) -> None:
-        """Account for a state that cannot be read, maybe because its plant has another joint."""
+        """Count a state that cannot be read, perhaps because its plant has another joint."""
         self._report.counts['rejected'] += 1
         run = parse_state(read_header(raw)[1].decode(errors='replace')).run
         if run in self.plants and self.states.run is None and not self._adopt(run):
@@ -147,7 +147,7 @@ class Controller(ManagedNode):
         self._report.reject(error)
 
     def _begin(self, header: StateHeader, stamp: int) -> None:
-        """Answer with an empty memory from this state on."""
+        """Start with an empty memory at this state."""
         self._law.forget()
         self.answers.address(header.run, header.episode)
         self._untold = {}
@@ -157,10 +157,10 @@ class Controller(ManagedNode):
             self.active_other = ''
 
     def _pass_over(self, reply: Reply, header: StateHeader) -> None:
-        """Do what a state asks for that is not answered anew."""
+        """Handle a state that needs no new answer."""
         if reply is Reply.REPEAT:
             self._report.counts['repeated'] += 1
-            if not self.plants.run_freely(header.run):  # a free plant does not ask
+            if not self.plants.run_freely(header.run):  # a free-running plant needs none
                 self.answers.repeat()
         elif reply is Reply.STAND_BY:
             self._report.counts['standby'] += 1
@@ -173,10 +173,10 @@ class Controller(ManagedNode):
             self._report.counts['other_run'] += 1
             self._report.ignore(header)
 
-    # -- parameters, life cycle, reports ----------------------------------------------------
+    # -- parameters, lifecycle, reports -----------------------------------------------------
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
-        """Let the next sample be answered with the new gains."""
+        """Use the new gains from the next sample on."""
         self._law.change(self.parameters)
         if self._untold != {} and self.states.run is not None:
             self._untold = {**(self._untold or {}), **changed}
@@ -189,12 +189,12 @@ class Controller(ManagedNode):
             self.get_logger().error(f'setpoint: {result.reason}')
 
     def activated(self) -> None:
-        """Answer from now on, as at a start."""
+        """Answer from now on, with an empty memory."""
         self.states.forget()
         self.timeout.forget()
 
     def deactivated(self) -> None:
-        """Leave no effort behind."""
+        """Command 0 N to a free-running plant."""
         if self.states.stamp and self.plants.run_freely(self.states.run):
             self._command_zero()
 
@@ -203,7 +203,7 @@ class Controller(ManagedNode):
         self.answers.send_zero()
 
     def poll(self) -> float:
-        """Command 0 N where states stay away from a plant that does not wait."""
+        """Command 0 N if states stop arriving from a plant that does not wait for commands."""
         timeout = self.parameters.state_timeout
         # the stamp of the last answer is 0 while standing by
         if not (timeout and self.active and self.states.stamp
@@ -219,7 +219,7 @@ class Controller(ManagedNode):
         return min(IDLE, timeout / 4)
 
     def close(self) -> None:
-        """Leave no effort behind, and wait until what was sent has arrived."""
+        """Deactivate, and wait until the sent messages are acknowledged."""
         if self.active:
             self.deactivated()
         for output in (self.answers.events, self.answers.commands):

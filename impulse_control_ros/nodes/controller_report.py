@@ -1,4 +1,4 @@
-"""What a controller says of its run: on /diagnostics, and in the log."""
+"""The reports of a controller: on /diagnostics and in the log."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ class ControllerReport:
     """
     The reports of ``controller``, a `Controller`.
 
-    ``counts`` has the states that are not answered anew, by why, and the efforts withheld.
+    ``counts`` has the states without a new answer, by reason, and the withheld efforts.
     """
 
     def __init__(self, controller: Any) -> None:
@@ -23,17 +23,17 @@ class ControllerReport:
         Diagnostics(controller, self._progress, self._report)
 
     def reject(self, error: Exception) -> None:
-        """Say why a state is rejected."""
+        """Log why a state is rejected."""
         self._logger.error(f'rejected a state {error}', throttle_duration_sec=5.0)
 
     def ignore(self, header: StateHeader) -> None:
-        """Say that another plant is ignored."""
+        """Log that another plant is ignored."""
         self._logger.warning(
             f'ignoring the states of a second plant (run {header.run or "unknown"})',
             throttle_duration_sec=60.0)
 
     def withhold(self, effort: float, largest: float, position: float, velocity: float) -> None:
-        """Say that an ``effort`` [N] is not sent, with the ``largest`` that may be."""
+        """Log that an ``effort`` [N] above the ``largest`` allowed one is not sent."""
         self.counts['withheld'] += 1
         self._logger.error(
             f'sending 0 N: the effort for position {position:g} m, velocity {velocity:g} m/s is '

@@ -16,7 +16,7 @@ class Diagnostics:
     Publishes what ``report`` returns: a level, a sentence, and values by name.
 
     ``progress`` returns (steps, simulated seconds) so far; their rates per second of wall time
-    are added. The timer is on the steady clock: simulated time does not stop it.
+    are added. The timer uses the steady clock, so simulated time does not stop it.
     """
 
     def __init__(self, node: Node, progress: Callable[[], tuple[int, float]],

@@ -1,4 +1,4 @@
-"""The nodes' executables: Ctrl-C is taken before the long imports, see stop.py."""
+"""The executables of the nodes; they handle Ctrl-C before the slow imports, see stop.py."""
 
 from importlib import import_module
 
@@ -28,5 +28,5 @@ def recorder() -> int:
 
 
 def closed_loop() -> int:
-    """Run the three in one process."""
+    """Run the three nodes in one process."""
     return _run('closed_loop')

@@ -1,4 +1,4 @@
-"""JointState between bytes and numbers: layouts that rclpy's own serializer has agreed with."""
+"""JointState to and from bytes, by layouts verified against rclpy's serializer."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -11,18 +11,18 @@ from sensor_msgs.msg import JointState
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in
 
 PROBE = (1.5, -2.25, 3.0e-300)
-FRAME_ID_AT = 12  # its length, behind encapsulation and stamp
+FRAME_ID_AT = 12  # offset of its length, after encapsulation and stamp
 MOST_KNOWN = 64
-# a parsed frame_id, what decodes such a message, and what picks the values that are read
+# a parsed frame_id, the decoder of such a message, and the selector of the values read
 Known = tuple[Any, Callable[[bytes], Any], Callable[[Any], Any]]
 
 
 class UnreadableError(Exception):
-    """A JointState that does not say what is asked of it; the message says why."""
+    """A JointState lacks the requested values; the message gives the reason."""
 
 
 class MiddlewareError(Exception):
-    """A middleware that our messages are not for."""
+    """A middleware that encodes messages differently."""
 
 
 def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence[str] = ()
@@ -31,11 +31,11 @@ def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence
     Decode any JointState: of several joints, in another byte order, with any frame_id.
 
     Returns (frame_id, sec, nanosec, *values of ``fields`` and ``optional`` for ``joint``), nan
-    for an optional one that is empty; raises `UnreadableError`.
+    for an empty optional field; raises `UnreadableError`.
     """
     try:
         message: Any = deserialize_message(raw, JointState)
-    except Exception as error:  # rclpy raises its own type for bytes that are no message
+    except Exception as error:  # rclpy raises its own type for invalid bytes
         raise UnreadableError(f'that cannot be decoded ({error})') from None
     if joint not in message.name:
         raise UnreadableError(f'without joint {joint!r}')
@@ -51,10 +51,9 @@ def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence
 
 class JointStateReader:
     """
-    Reads ``fields`` and ``optional`` of ``joint``, and what ``parse`` makes of the frame_id.
+    Reads ``fields`` and ``optional`` of ``joint``, and the frame_id by ``parse``.
 
-    A message with the frame_id and the layout of one before is read by its layout, 30 times as
-    fast.
+    A message with a known frame_id and layout is read by that layout, 30 times as fast.
     """
 
     def __init__(self, joint: str, parse: Callable[[str], Any], fields: Sequence[str],
@@ -65,13 +64,13 @@ class JointStateReader:
         self._recent: Known = None, lambda raw: None, tuple
 
     def read(self, raw: bytes) -> tuple[Any, tuple[Any, ...]]:
-        """Return header and (sec, nanosec, *values), nan for an optional one that is not there."""
+        """Return header and (sec, nanosec, *values), nan for a missing optional one."""
         header, decode, pick = self._recent
         values = decode(raw)
         return (header, pick(values)) if values is not None else self._read_other(raw)
 
     def _read_other(self, raw: bytes) -> tuple[Any, tuple[Any, ...]]:
-        """Read what has not the layout of the message before; may raise `UnreadableError`."""
+        """Read a message with another layout than the last; may raise `UnreadableError`."""
         size = raw[FRAME_ID_AT] if len(raw) > FRAME_ID_AT else 0
         key = raw[FRAME_ID_AT:FRAME_ID_AT + 4 + size]
         known = self._known.get(key)
@@ -84,7 +83,7 @@ class JointStateReader:
         frame_id, *found = decode_any(raw, self._joint, self._fields, self._optional)
         known = self._parse(frame_id), *self._layout(raw)
         values = known[1](raw)
-        # nan is no equal of itself, and never noted
+        # nan never equals itself, so such a layout is not kept
         if values is not None and list(known[2](values)) == found:
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
@@ -92,7 +91,7 @@ class JointStateReader:
         return known[0], tuple(found)
 
     def _layout(self, raw: bytes) -> tuple[Callable[[bytes], Any], Callable[[Any], Any]]:
-        """Return what decodes a message, and what picks the fields of it that are read."""
+        """Return the decoder of a message, and the selector of the fields read."""
         layout = layout_in(raw, self._joint)
         wanted = (*self._fields, *self._optional)
         if layout is None or not all(field in layout.fields for field in wanted):
@@ -103,7 +102,7 @@ class JointStateReader:
 
 def verified_layout(joint: str, frame_id: str, fields: Sequence[str] = FIELDS
                     ) -> JointStateLayout:
-    """Return a layout to write with; raises `MiddlewareError` where rclpy reads it otherwise."""
+    """Return a layout to write with; raises `MiddlewareError` if rclpy reads it differently."""
     layout = JointStateLayout(joint, frame_id, fields)
     values = PROBE[:len(fields)]
     raw = layout.encode(7, 999_999_999, *values)

@@ -1,4 +1,4 @@
-"""The plants that a controller has heard the parameters of, and what it thinks of them."""
+"""The plants whose parameters a controller has received, and the findings about them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ from impulse_control_ros.files.experiment import axis_of, ControllerParameters, 
 from impulse_control_ros.files.parameter_event import decode_parameter_event
 
 MOST = 10
-NAME = ''  # key of the plant's full name among its parameters
+NAME = ''  # key of the plant's full name, among its parameters
 
 
 def decoded(raw: bytes) -> tuple[Any, ...]:
@@ -21,7 +21,7 @@ def decoded(raw: bytes) -> tuple[Any, ...]:
 
 
 class KnownPlants:
-    """The parameters of plants of ours by run; of a foreign plant they are empty."""
+    """The parameters of our plants by run; empty for a foreign plant."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
@@ -46,7 +46,7 @@ class KnownPlants:
         return not self._values.get(run or '', {}).get('lockstep', False)
 
     def adopt(self, run: str, gains: ControllerParameters) -> None:
-        """Say which plant was found; raises `ParameterError` where the two do not fit."""
+        """Log which plant was found; raises `ParameterError` if the parameters disagree."""
         values = self._values.get(run, {})
         name = values.get(NAME, 'a foreign plant, whose joint and time_step are taken to be ours')
         require_agreement(name, values, gains.flat())
@@ -54,13 +54,13 @@ class KnownPlants:
         self.advise(run, gains)
 
     def advise(self, run: str | None, gains: ControllerParameters) -> None:
-        """Say what is unwise about ``gains`` for the plant of a run, each finding once."""
+        """Log the findings on ``gains`` for the plant of a run, each once."""
         values: Mapping[str, Any] = self._values.get(run or '', {})
         before, self._said = self._said, findings(gains, axis_of(values))
         for finding in self._said:
             if finding in before:
                 continue
-            # rclpy takes one severity for each call
+            # rclpy allows one severity per call site
             if finding.level is Level.NOTE:
                 self._logger.info(finding.text)
             elif finding.level is Level.WARNING:

@@ -1,4 +1,4 @@
-"""A node that somebody else switches on and off: a ROS 2 lifecycle node, where it is wanted."""
+"""A node that can be managed as a ROS 2 lifecycle node."""
 
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +30,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
 
     def _change_or_refuse(self, change: Callable[[Any, Any], Any], request: Any, response: Any
                           ) -> Any:
-        """Change the state; a change that is not possible now would end rclpy 7's node."""
+        """Change the state; an invalid change would end the node of rclpy 7."""
         try:
             return change(request, response)
         except _rclpy.RCLError as error:
@@ -42,7 +42,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         """React to becoming active."""
 
     def deactivated(self) -> None:
-        """React to being active no more."""
+        """React to becoming inactive."""
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Become active."""
@@ -51,7 +51,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Be active no more."""
+        """Become inactive."""
         self.active = False
         self.deactivated()
         return TransitionCallbackReturn.SUCCESS

@@ -1,9 +1,9 @@
 """
 ROS parameters from the parameter classes: declared, described and validated in one place.
 
-rclpy checks type and range before any callback, with reasons that name no value; so the set is
-checked here first, as a whole, and rclpy's own path is taken only by a set that is right. What
-has been set is applied in the post-set callback, as one new immutable value.
+rclpy checks type and range before any callback, with reasons that do not give the value. Here the
+whole set is therefore checked first, and only a valid set is passed to rclpy. The post-set
+callback applies it as one new immutable value.
 """
 
 from collections.abc import Iterable
@@ -52,11 +52,11 @@ def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
 
 class ParameterNode(Node):
     """
-    A node whose parameters are those of one class; ``self.parameters`` is its present value.
+    A node with the parameters of one class; ``self.parameters`` has their current values.
 
-    Raises `ParameterError` at birth for an override that is unknown, of a wrong type or out of
-    bounds. Subclasses react to a new set in `parameters_changed`. ``finished`` tells that the
-    node has nothing more to do, and ``failure`` why where that is no good end.
+    The constructor raises `ParameterError` for an override that is unknown, of a wrong type or
+    out of bounds. Subclasses react to a new set in `parameters_changed`. ``finished`` tells that
+    the node has nothing more to do, and ``failure`` is the reason if it failed.
     """
 
     finished = False
@@ -78,7 +78,7 @@ class ParameterNode(Node):
         self.failure, self.finished = reason, True
 
     def _declare(self) -> Any:
-        # rclpy declares no override of an empty list, for it has no type
+        # rclpy does not declare an empty list override, which has no type
         given = {name: () if item.value is None else item.value
                  for name, item in self._parameter_overrides.items() if not is_foreign(name)}
         values = build(self._kind, given)
@@ -111,7 +111,7 @@ class ParameterNode(Node):
             self.parameters_changed(changed)
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
-        """React to a new ``self.parameters``, of which some have ``changed``."""
+        """React to the new ``self.parameters``; ``changed`` has the values that differ."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; an integer given for a float is taken as a float."""

@@ -1,4 +1,4 @@
-"""What a plant sends: its states, the clock, the damping and its parameters."""
+"""The messages of a plant: states, clock, damping and parameters."""
 
 from collections.abc import Mapping
 import math
@@ -36,19 +36,19 @@ class PlantOutputs:
         self._clock_every = self._damping_every = 0
 
     def change(self, parameters: PlantParameters) -> None:
-        """Publish clock and damping at other rates."""
+        """Update the rates of clock and damping."""
         self._clock_every = samples_between(parameters.clock_rate, parameters.time_step)
         self._damping_every = parameters.damping_every
 
     def tell_parameters(self, run: str, stamp: tuple[int, int], parameters: Mapping[str, Any],
                         changed: Mapping[str, Any]) -> None:
-        """Publish the parameters that act from the state of this stamp on."""
+        """Publish the parameters that take effect at the state of this stamp."""
         node = NodeHeader(run, self._name).frame_id
         self.parameters.send(encode_parameter_event(*stamp, node, parameters, changed))
 
     def send_state(self, header: StateHeader, stamp: tuple[int, int], position: float,
                    velocity: float, effort: float) -> None:
-        """Publish a state; a velocity of nan is not measured, and left empty."""
+        """Publish a state; a velocity of nan (not measured) is left empty."""
         self._last = stamp, position, velocity, effort
         if header is not self._header:
             self._header = header
@@ -66,13 +66,13 @@ class PlantOutputs:
         self.send_state(header, *self._last)
 
     def send_beside(self, tick: int, stamp: tuple[int, int], damping: float) -> None:
-        """Publish clock and damping [N s/m], where they are due beside the state at ``tick``."""
+        """Publish clock and damping [N s/m] if they are due at ``tick``."""
         if self._clock_every and tick % self._clock_every == 0:
             self.clock.send(encode_time(*stamp))
         if self._damping_every and tick % self._damping_every == 0 and tick:
             self.damping.send(encode_float64(damping))
 
     def wait(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Wait until the sent messages are acknowledged."""
         for output in (self.states, self.clock, self.damping, self.parameters):
             output.publisher.wait_for_all_acked(Duration(seconds=1))

@@ -1,4 +1,4 @@
-"""What a plant says of its run: on /diagnostics, and in the log."""
+"""The reports of a plant: on /diagnostics and in the log."""
 
 from time import monotonic
 from typing import Any
@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 FIRST_REPORT, REPORT = 2.0, 20.0  # s
-SETTLE = 2.0  # s after which a run that is too slow is one
+SETTLE = 2.0  # s before a slow run is reported
 
 
 class PlantReport:
@@ -23,13 +23,13 @@ class PlantReport:
         Diagnostics(plant, self._progress, self._report)
 
     def begin(self, now: float) -> None:
-        """Note the first state."""
+        """Note and log the first state."""
         self._began = self._moving_since = now
         self._plant.get_logger().info(
             f'running from {self._plant.clock.seconds()} s (run {self._plant.run})')
 
     def waiting_for(self, what: str, now: float) -> None:
-        """Say now and then who is missing."""
+        """Log from time to time who is missing."""
         if what != self._waiting:
             self._waiting, self._said_at = what, now - REPORT + FIRST_REPORT
         elif now >= self._said_at + REPORT:
@@ -38,9 +38,9 @@ class PlantReport:
 
     def reject(self, what: str, is_normal: bool = False) -> None:
         """
-        Count a command that is none.
+        Count and log an invalid command.
 
-        It ``is_normal`` of foreign hardware, which sends nan while no controller is active.
+        It ``is_normal`` from foreign hardware, which sends nan while no controller is active.
         """
         self._rejected += 1
         logger = self._plant.get_logger()
@@ -50,7 +50,7 @@ class PlantReport:
             logger.error(f'rejected a command {what}', throttle_duration_sec=5.0)
 
     def summarize(self, what: str) -> None:
-        """Say how the run went."""
+        """Log a summary of the run."""
         plant, wall = self._plant, monotonic() - self._began
         simulated = plant.clock.elapsed
         counts = ', '.join(f'{value} {name}' for name, value in (
@@ -62,7 +62,7 @@ class PlantReport:
 
     @property
     def _counts(self) -> dict[str, int]:
-        """The commands by what became of them, and the states that none has answered."""
+        """The commands by outcome, and the number of unanswered states."""
         counts = self._plant.arbiter.counts
         return counts | {'rejected': self._rejected,
                          'lost': max(0, self._plant.clock.tick - counts['accepted'])}
@@ -87,7 +87,7 @@ class PlantReport:
             **plant.pacer.report(), **self._counts}
 
     def _troubles(self, rate: float) -> dict[str, str]:
-        """Say what is wrong with a run of ``rate`` samples per wall second, by its name."""
+        """Return the problems of a run at ``rate`` samples per wall second, by name."""
         plant, now = self._plant, monotonic()
         if plant.control.paused or not rate:
             self._moving_since = now

@@ -1,12 +1,12 @@
 """
 The plant simulator node: the axis in simulated time, closed over topics.
 
-Lockstep (the default): state k is published, and sample k + 1 is made only after the command
-that carries the stamp of state k; so a run is a function of its parameters alone. What can hold
-the next sample, in this order: the command, a recorder that is behind, a pause, and the real
-time factor. Free running: samples are made by the wall clock with the last command held. A
-state that is not followed by the next one is published again, so a lost message costs little
-and peers that join see it; core/protocol.py has the rules.
+Lockstep (the default): the plant publishes state k, and makes sample k + 1 only after the command
+with the stamp of state k; a run thus depends only on its parameters. Four things can hold the
+next sample, in this order: the command, a slow recorder, a pause, and the real time factor. Free
+running: samples are made by the wall clock, with the last command held. A state that is not
+followed by the next one is republished, so a lost message costs little and joining peers see it.
+core/protocol.py has the rules.
 """
 
 import math
@@ -43,12 +43,12 @@ from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
 from impulse_control_ros.stop import StopRequest
 
-ANNOUNCE = 1.0  # s after which a plant says again that it waits: a recorder may have been busy
-HEARTBEAT = 0.25  # s between states that nothing but the wall clock or a pause holds
+ANNOUNCE = 1.0  # s between announcements of a waiting plant: a recorder may have been busy
+HEARTBEAT = 0.25  # s between repeats of a state held only by the wall clock or a pause
 
 
 class PlantSimulator(ParameterNode):
-    """Publishes the axis' state at every sample; a ``composed`` one takes no command from DDS."""
+    """Publishes the axis' state at every sample; if ``composed``, takes no command from DDS."""
 
     def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('plant_simulator', PlantParameters, **options)
@@ -70,14 +70,14 @@ class PlantSimulator(ParameterNode):
         SimulationInterfaces(self)
         self.parameters_changed({})
         if not composed:
-            # without lockstep nobody sends a lost command again, such as the last one of 0 N
+            # without lockstep a lost command, such as the final 0 N, is not sent again
             qos = LOCKSTEP_QOS if parameters.lockstep else SERIES_QOS
             self.create_subscription(JointState, JOINT_COMMANDS, self.on_command, qos, raw=True)
         self.create_subscription(
             Header, RECORDER_PROGRESS, self.on_progress, SLOW_QOS, raw=True)
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
-        """Make the next sample with the new parameters, and say so first."""
+        """Publish the new parameters, and use them from the next sample on."""
         parameters = self.parameters
         self.axis.change(parameters)
         self.outputs.change(parameters)
@@ -95,7 +95,7 @@ class PlantSimulator(ParameterNode):
     # -- the sample -------------------------------------------------------------------------
 
     def _start(self, now: float) -> float:
-        """Publish the first state, once a recorder has joined where one is wanted."""
+        """Publish the first state, after a recorder has joined if one is required."""
         waits = self.parameters.wait_for_recorder and not self.recorders
         if not self._announced or (waits and now >= self._published_at + ANNOUNCE):
             self._published_at = now
@@ -179,7 +179,7 @@ class PlantSimulator(ParameterNode):
             self._step()
 
     def poll(self) -> float:
-        """Do what is due by the wall clock: start, pace, publish again."""
+        """Do what is due by the wall clock: start, pace, republish."""
         now, tick = monotonic(), self.clock.tick
         if self.arbiter.awaiting and now < self._published_at + SOON:
             return SOON
@@ -206,7 +206,7 @@ class PlantSimulator(ParameterNode):
         return wait
 
     def _nobody_answers(self, now: float) -> None:
-        """Let another controller take over, and wait no longer for what cannot come."""
+        """Let another controller take over, and stop waiting for messages that are lost."""
         if self.arbiter.drop_silent(self.parameters.command_timeout):
             self.get_logger().warning(
                 f'no command for {self.arbiter.silent:.2g} s at {self.clock.seconds()} s: any '
@@ -226,7 +226,7 @@ class PlantSimulator(ParameterNode):
         self._report.summarize('the run is over')
 
     def close(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Wait until the sent messages are acknowledged."""
         if not self.finished and self.clock.tick >= 0:
             self._report.summarize('stopped')
         self.outputs.wait()

@@ -1,9 +1,9 @@
 """
-The replay node: the messages of a bag on the graph again, at the pace of their time stamps.
+The replay node: publishes the messages of a bag at the pace of their timestamps.
 
-It publishes raw bytes with the quality of service of the recorded publishers, and /clock from
-the same pace. It does not wait for subscribers: those that need the first message start before
-it is resumed (``--start-paused``), and the answer of ~/pause says how many it has.
+It publishes raw bytes with the QoS of the recorded publishers, and /clock at the same pace. It
+does not wait for subscribers: start it with ``--start-paused`` if they need the first message.
+The response of ~/pause has the number of subscribers.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import deep_qos, message_class, SERIES_QOS
 from impulse_control_ros.stop import StopRequest
 
-AT_ONCE = 1000  # messages between two looks at what else is to do
+AT_ONCE = 1000  # messages per poll at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class PlayerParameters(Parameters):
 
 
 class Player(ParameterNode):
-    """Publishes what a bag holds."""
+    """Publishes the messages of a bag."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         given = {'rate': options.rate, 'clock_rate': options.clock, 'loop': options.loop or None}
@@ -83,13 +83,13 @@ class Player(ParameterNode):
     # -- time -------------------------------------------------------------------------------
 
     def _now(self) -> int:
-        """Return the time of the bag, ns."""
+        """Return the current bag time [ns]."""
         if self._paused:
             return self._origin
         return self._origin + round((monotonic() - self._anchor) * self._rate * SECOND)
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
-        """Go on from here at another rate."""
+        """Continue from here at the new rate."""
         self._origin, self._anchor = self._now(), monotonic()
         self._rate = self.parameters.rate
 
@@ -104,7 +104,7 @@ class Player(ParameterNode):
         return response
 
     def poll(self) -> float:
-        """Publish what is due; returns the wall time until the next is."""
+        """Publish what is due; returns the wall time until the next message."""
         if self._paused:
             return IDLE
         now = self._now()
@@ -138,13 +138,13 @@ class Player(ParameterNode):
             self.get_logger().info(f'{self._published} messages published')
 
     def close(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Wait until the sent messages are acknowledged."""
         for output in self._outputs.values():
             output.wait_for_all_acked(Duration(seconds=1))
 
 
 def replayed_qos(offered: Mapping[str, Any]) -> QoSProfile:
-    """Return the reliability and durability of the publisher that was recorded, queued deeply."""
+    """Return the reliability and durability of the recorded publisher, with a deep queue."""
     return deep_qos(best_effort=offered.get('reliability') in ('best_effort', 2),
                     latched=offered.get('durability') in ('transient_local', 1))
 

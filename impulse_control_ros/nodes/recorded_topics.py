@@ -1,4 +1,4 @@
-"""The topics that a recorder records: found on the graph, and taken in batches."""
+"""The topics that a recorder records: discovered on the graph, and read in batches."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from time import time_ns
@@ -23,10 +23,10 @@ Taken = tuple[int, bytes, int]  # channel, message, time [ns] at which it was pu
 
 class RecordedTopics:
     """
-    The series, and what else is ``wanted``, of the recorder ``node``.
+    The series and the other ``wanted`` topics of the recorder ``node``.
 
-    The series come from ``outputs`` of nodes in this process by topic, or else from DDS.
-    ``inbox`` has what was published, by its channel in a bag.
+    The series come from ``outputs`` of nodes in this process, by topic, or else from DDS.
+    ``inbox`` has the received messages with their channel in the bag.
     """
 
     def __init__(self, node: Node, wanted: Iterable[str], outputs: Mapping[str, Sequence[Output]]
@@ -71,7 +71,7 @@ class RecordedTopics:
                 self._node.get_logger().warning(f'{topic} is not recorded: {error}')
 
     def take(self) -> list[Taken]:
-        """Return what has been published since the last call, of each topic in order."""
+        """Return the messages since the last call, in order for each topic."""
         for subscription, channel in self.polled.items():
             take = subscription.handle.take_message
             while taken := take(subscription.msg_type, True):
@@ -89,4 +89,4 @@ class RecordedTopics:
 
 
 def unused(_: bytes) -> None:
-    """Be the callback of a subscription that no executor serves."""
+    """Do nothing: the callback of a subscription that no executor serves."""

@@ -1,10 +1,10 @@
 """
 The recorder node: joint_states, joint_commands, impulse_events and more into a rosbag2 folder.
 
-Messages are taken raw and in batches; files/sample_joiner.py joins them. After each batch the
-recorder publishes on recorder_progress the stamp up to which it has whole samples. The plant
-waits for it, so a slow disk slows simulated time and loses nothing. A run gets a bag of its own,
-``<bag>``, ``<bag>-2`` and so on, once a state and a command of it are there.
+It takes raw messages in batches; files/sample_joiner.py joins them. After each batch the recorder
+publishes on recorder_progress the stamp up to which its samples are complete. The plant waits for
+it, so a slow disk slows simulated time but loses nothing. Each run gets its own bag, ``<bag>``,
+``<bag>-2`` and so on, once a state and a command of it have arrived.
 """
 
 from collections import deque
@@ -40,12 +40,12 @@ from impulse_control_ros.stop import StopRequest
 
 BATCH, BATCH_PERIOD = 250, 0.02
 WATCH_PERIOD = 0.5
-FLIGHT = 6.0  # s for what is on its way at the end; more than files/run_recording.py waits
+FLIGHT = 6.0  # s to wait for messages in flight at the end; more than files/run_recording.py waits
 MOST_RUNS = 10
 
 
 class Recorder(ParameterNode):
-    """Writes runs into bags; those of nodes in this process by their ``outputs``."""
+    """Records runs into bags; nodes in this process pass their ``outputs``."""
 
     def __init__(self, outputs: Mapping[str, Sequence[Output]] | None = None,
                  **options: Any) -> None:
@@ -58,7 +58,7 @@ class Recorder(ParameterNode):
         self._parameters: dict[str, list[Taken]] = {}  # the events by run
         self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
-        self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before it is known what to record
+        self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before a run is known
         self._bags = 0
         self._batch_at = 0.0
         # on the steady clock: simulated time may stand still
@@ -69,24 +69,24 @@ class Recorder(ParameterNode):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Yield what an executor serves: it would drop the publish times of what is polled."""
+        """Yield those for an executor; it would drop the publish times of the polled ones."""
         polled = self._topics.polled if hasattr(self, '_topics') else ()
         return (item for item in super().subscriptions if item not in polled)
 
     # -- the runs ---------------------------------------------------------------------------
 
     def _learn(self, taken: Taken) -> None:
-        """Keep the parameters of a run, and record it where none is recorded."""
+        """Keep the parameters of a run, and record it if no other run is recorded."""
         *_, node, values, _ = decoded(taken[1])
         run, name = parse_node(node)
         events = self._parameters.setdefault(run, [])
-        is_new = all(taken[1] != known[1] for known in events)  # a waiting plant says it again
+        is_new = all(taken[1] != known[1] for known in events)  # a waiting plant repeats them
         if is_new:
             events.append(taken)
         if self._recording and run == self._recording.run:
             if is_new:
                 self._recording.joiner.add(*taken)
-        # a plant has no id; a controller tells of a foreign plant what it takes it to be
+        # a plant has no id; for a foreign plant the controller's parameters are used
         elif not run or name == name_of(name):
             self._plants.pop(run, None)
             self._plants[run] = values
@@ -117,7 +117,7 @@ class Recorder(ParameterNode):
         return BagWriter(folder, self.parameters.compression)
 
     def _finish(self) -> None:
-        """Finish the recording of a run, and say what is in it."""
+        """Finish the recording of a run, and log a summary."""
         if self._recording:
             said, bag = self._recording.finish(), self._recording.bag
             if said:
@@ -138,7 +138,7 @@ class Recorder(ParameterNode):
             self._early.append(taken)
 
     def poll(self) -> float:
-        """Write a batch when it is due, and tell the plant how far the recording is."""
+        """Write a batch when it is due, and publish the progress of the recording."""
         taken, now = self._topics.take(), monotonic()
         for one in taken:
             self._take(one)
@@ -176,7 +176,7 @@ class Recorder(ParameterNode):
             'repeated': counts.get('repeated', 0), 'foreign': counts.get('foreign', 0)}
 
     def close(self) -> None:
-        """Finish the bag with all that has been sent so far."""
+        """Finish the bag with everything sent so far."""
         until = monotonic() + FLIGHT
         self._batch_at = 0.0
         while self._recording and monotonic() < until:

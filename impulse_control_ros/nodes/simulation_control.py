@@ -8,9 +8,9 @@ from std_srvs.srv import SetBool, Trigger
 
 class SimulationControl:
     """
-    What has been asked of ``plant``, a `PlantSimulator`, which it does between two samples.
+    The requests to ``plant``, a `PlantSimulator`, which acts on them between two samples.
 
-    ``paused``, ``quitting`` and ``reset_wanted`` say what is to be done.
+    ``paused``, ``quitting`` and ``reset_wanted`` are the pending requests.
     """
 
     def __init__(self, plant: Any) -> None:
@@ -22,32 +22,32 @@ class SimulationControl:
         plant.create_service(Trigger, '~/step', self._on_step)
 
     def reset(self) -> bool:
-        """Let the next state be the start; False where there is no next state."""
+        """Request a reset at the next state; returns False if there is no next state."""
         self.reset_wanted = self._plant.has_next
         return self.reset_wanted
 
     def pause(self, paused: bool) -> None:
-        """Hold the next sample, or go on."""
+        """Pause or resume."""
         self.paused, self._steps_left = paused, 0
         self._plant.pacer.restart(self._plant.clock.tick, monotonic())
 
     def step(self, samples: int) -> bool:
-        """Make so many samples more while paused; False where it is not."""
+        """Request more ``samples`` while paused; returns False if not paused."""
         if self.paused:
             self._steps_left += samples
         return self.paused
 
     def quit(self) -> None:
-        """Let the run end at the present state."""
+        """End the run at the present state."""
         self.quitting = True
 
     @property
     def holds(self) -> bool:
-        """Whether the next sample is to wait."""
+        """Whether a pause holds the next sample."""
         return self.paused and not self._steps_left
 
     def take_step(self) -> bool:
-        """Account for the next sample; False while a pause or the real time factor holds it."""
+        """Claim the next sample; False while a pause or the real time factor holds it."""
         pacer, tick = self._plant.pacer, self._plant.clock.tick
         if self.paused:
             if not self._steps_left:

@@ -1,14 +1,14 @@
 """
-The services of the standard simulation_interfaces, where that package is installed.
+The services of the standard simulation_interfaces, if that package is installed.
 
-They stand beside those of simulation_control.py and ask the plant for the same. They follow the
-standard but for this, since simulated time never goes back, and a callback that waited would
-hold the very lockstep that it waits for:
+They complement those of simulation_control.py and make the same requests. They deviate from
+the standard as follows, because simulated time never goes back, and a callback that waited would
+block the lockstep it waits for:
 
-* step_simulation answers once the steps are asked for, not once they are made;
-* reset_simulation resets the state and lets time go on, also for SCOPE_DEFAULT, which the
-  standard reads as everything; a scope that names the time is refused;
-* STATE_STOPPED is refused, because a stopped simulation starts at its first instant again;
+* step_simulation responds when the steps are requested, not when they are done;
+* reset_simulation resets the state and lets time continue, also for SCOPE_DEFAULT, which the
+  standard defines as everything; a scope that includes time is rejected;
+* STATE_STOPPED is rejected, because a stopped simulation restarts from its initial time;
 * the action simulate_steps is not offered.
 """
 
@@ -23,9 +23,9 @@ ENDING = 'the run is ending'
 
 
 def standard_types(logger: Any) -> tuple[Any, Any] | None:
-    """Return the messages and services of simulation_interfaces; None where it is missing."""
+    """Return the messages and services of simulation_interfaces; None if it is missing."""
     try:
-        # The C module too: a package that is built for another Python lets a plant start.
+        # The C module too: a package built for another Python must not stop a plant.
         from simulation_interfaces import msg, simulation_interfaces_s__rosidl_typesupport_c, srv
         del simulation_interfaces_s__rosidl_typesupport_c
     except ModuleNotFoundError:
@@ -65,7 +65,7 @@ class SimulationInterfaces:
 
     def _offer(self, kind: str, name: str, act: Callable[[Any, Any], Outcome],
                *features: str) -> None:
-        """Offer what ``act`` does with request and response, and list its features."""
+        """Offer ``act`` on request and response as a service, and list its features."""
         if not hasattr(self._srv, kind):
             return
 

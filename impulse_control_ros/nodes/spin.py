@@ -1,9 +1,9 @@
 """
-Init, spin, shut down: written once for every executable.
+Init, spin and shutdown, for every executable.
 
-The EventsExecutor is many times faster than the default one, but its ``spin()`` never sees a
-signal and burns a core, so the loop is over ``spin_once`` with a timeout. Leaving the process
-with the executor alive can crash, so executor, nodes and context go down in this order.
+The EventsExecutor is many times faster than the default one, but its ``spin()`` ignores signals
+and uses a full core, so the loop calls ``spin_once`` with a timeout. Exiting with a live executor
+can crash, so executor, nodes and context are shut down in this order.
 """
 
 import argparse
@@ -33,7 +33,7 @@ Maker = Callable[[], Any]
 
 
 def make_executor() -> Executor:
-    """Return an EventsExecutor, or where rclpy has none the standard one, with one log line."""
+    """Return an EventsExecutor, or the standard one, with a log line, if rclpy has none."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -48,11 +48,10 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
-    A node has, beside what rclpy gives it, ``finished``, and ``failure`` for the reason where
-    there is one; ``poll()``, which does what is due by the wall clock and returns the seconds
-    until it wants to be asked again; and ``close()``, which hands over what it still holds.
-    ``between`` does work of its own between the executor's turns, and returns whether it wants
-    the next turn at once.
+    In addition to rclpy's interface, a node has ``finished``; ``failure``, its reason if any;
+    ``poll()``, which does what is due by the wall clock and returns the seconds until the next
+    call; and ``close()``, which flushes what it still holds. ``between`` does other work between
+    the executor's turns, and returns whether it wants the next turn at once.
     """
     executor = make_executor()
     try:
@@ -71,7 +70,7 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
             else:
                 executor.spin_once(timeout_sec=timeout)
     except BaseException:
-        for node in nodes:  # what is recorded is not lost, whatever went wrong
+        for node in nodes:  # keep what is recorded, whatever went wrong
             with suppress(Exception):
                 node.close()
         raise
@@ -83,7 +82,7 @@ def spin(nodes: Sequence[Any], stop: StopRequest,
 
 
 def serve_what_waits(executor: Executor) -> None:
-    """Serve the events that wait already; an empty turn is told by the time it takes."""
+    """Serve the pending events; a turn longer than EMPTY_TURN means that none is left."""
     for _ in range(MOST_EVENTS):
         began = perf_counter()
         executor.spin_once(timeout_sec=0.0)
@@ -98,8 +97,9 @@ def main(stop: StopRequest, prog: str, description: str,
     """
     Run the nodes of an executable; returns the exit status.
 
-    ``makers`` returns from the parsed options what makes the nodes; ``example`` is a parameter for
-    the help. 0: done; 2: bad arguments or parameters, said in one line; 1: anything else.
+    ``makers`` returns the factories of the nodes for the parsed options; ``example`` is a
+    parameter for the help. 0: done; 2: invalid arguments or parameters, reported in one line; 1:
+    anything else.
     """
     nodes: list[Any] = []
     try:
@@ -113,11 +113,11 @@ def main(stop: StopRequest, prog: str, description: str,
         for what in unused_overrides(sys.argv, names):
             if len(nodes) > 1:
                 raise ParameterError(what)
-            nodes[0].get_logger().warning(what)  # a file may be for other nodes only
+            nodes[0].get_logger().warning(what)  # the file may be for other nodes
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
     except (ParameterError, BagError, MiddlewareError, _rclpy.RCLError) as error:
-        # of several nodes one line says which
+        # the error may already start with the name of the node
         where = '' if str(error).startswith(f'{prog}: ') else f'{prog}: '
         return leave(nodes, where + first_line(error), 2)
     try:
@@ -134,7 +134,7 @@ def main(stop: StopRequest, prog: str, description: str,
 
 
 def leave(nodes: Sequence[Any], message: str, status: int) -> int:
-    """Destroy the nodes, shut rclpy down, say why; returns ``status``."""
+    """Destroy the nodes, shut rclpy down, print the ``message``; returns ``status``."""
     for node in reversed(nodes):
         node.destroy_node()
     rclpy.try_shutdown()
@@ -150,7 +150,7 @@ def first_line(error: BaseException) -> str:
 
 def parse(prog: str, description: str, example: str,
           add_options: Callable[[argparse.ArgumentParser], None] | None) -> argparse.Namespace:
-    """Parse what is not for ROS."""
+    """Parse the arguments that are not for ROS."""
     parser = argparse.ArgumentParser(
         prog=prog, description=description,
         epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p '

@@ -1,4 +1,4 @@
-"""The graph: qualities of service, message classes, and outputs of raw messages."""
+"""QoS profiles, message classes, and publishers of raw messages."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -14,17 +14,17 @@ from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_
 SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample
 SLOW_QOS = QoSProfile(depth=SLOW_DEPTH)
 LATCHED_QOS = QoSProfile(depth=SLOW_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# between plant and controller what is lost is asked for again; it matches any driver too
+# plant and controller resend lost messages; best effort also matches any driver
 LOCKSTEP_QOS = QoSProfile(depth=SERIES_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def writer_qos(topic: str) -> QoSProfile:
-    """Return what our writer of a topic of a run offers."""
+    """Return the QoS that our publisher of a run's topic offers."""
     return LATCHED_QOS if topic == RUN_PARAMETERS else SERIES_QOS
 
 
 def deep_qos(best_effort: bool, latched: bool) -> QoSProfile:
-    """Return a profile that queues a series, by the two policies that peers must agree on."""
+    """Return a QoS with a deep queue and the two policies that peers must agree on."""
     return QoSProfile(
         depth=SERIES_DEPTH,
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
@@ -32,7 +32,7 @@ def deep_qos(best_effort: bool, latched: bool) -> QoSProfile:
 
 
 class Output:
-    """A publisher of messages as CDR, which may have readers in this process too."""
+    """A publisher of messages as CDR, optionally with readers in this process."""
 
     def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile | None = None) -> None:
         self.publisher = node.create_publisher(kind, topic, qos or writer_qos(topic))
@@ -41,7 +41,7 @@ class Output:
         self._readers: list[Callable[[bytes], None]] = []
 
     def connect(self, reader: Callable[[bytes], None]) -> None:
-        """Hand each message to ``reader`` too, once it is published."""
+        """Pass each message to ``reader`` too, after it is published."""
         self._readers.append(reader)
         publish, readers = self.publisher.handle.publish_raw, self._readers
 
@@ -72,7 +72,7 @@ def qos_keys(qos: QoSProfile) -> dict[str, Any]:
 
 
 def message_class(kind: str) -> type:
-    """Return the class of pkg/msg/Name; raises `BagError` where it is not installed."""
+    """Return the class of pkg/msg/Name; raises `BagError` if it is not installed."""
     package, _, name = kind.partition('/msg/')
     try:
         return getattr(import_module(f'{package}.msg'), name)

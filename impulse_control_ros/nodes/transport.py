@@ -1,10 +1,10 @@
 """
-How the messages of a process travel, and on which core it runs.
+The transport of a process, and its CPU core.
 
-By default Fast DDS sends to processes on the same machine by shared memory. When one of them is
-killed, the others can hang inside ``publish`` for ever, on a lock that it held. They slow down to
-a twentieth until DDS drops it (20 s), and a process started in its place may stay unheard. UDP has
-none of this, and costs a tenth of the speed of two processes: docs/reliability.md.
+By default Fast DDS uses shared memory between processes on one machine. When one of them is
+killed, the others can hang forever inside ``publish``, on a lock that it held. They slow down to
+a twentieth of the speed until DDS drops it (20 s), and a replacement process may stay unheard.
+UDP avoids this at the cost of a tenth of the speed of two processes: docs/reliability.md.
 """
 
 from collections.abc import MutableMapping
@@ -24,10 +24,10 @@ LOCALHOST_UDP = Path(__file__).with_name('localhost_udp.xml')
 
 def prefer_udp(middleware: str, environment: MutableMapping[str, str] = os.environ) -> None:
     """
-    Use UDP alone, where the user has chosen no transport; to be called before ``rclpy.init``.
+    Use UDP only, unless the user has chosen a transport; call this before ``rclpy.init``.
 
-    ``middleware`` is rclpy's name of it. Within the range LOCALHOST rmw_fastrtps adds shared
-    memory whatever ``TRANSPORTS`` says, so a profile of ours takes the place of that range.
+    ``middleware`` is its name in rclpy. In the range LOCALHOST rmw_fastrtps adds shared memory
+    regardless of ``TRANSPORTS``, so our own profile replaces that range.
     """
     if not middleware.startswith('rmw_fastrtps') or any(map(environment.get, OWN_CHOICE)) or any(
             map(os.path.exists, OWN_FILES)):
@@ -41,7 +41,7 @@ def prefer_udp(middleware: str, environment: MutableMapping[str, str] = os.envir
 
 
 def place_on_core(core: int) -> None:
-    """Run every thread of this process on one core; -1 leaves that to the system."""
+    """Run every thread of this process on one core; -1 leaves the choice to the system."""
     if core == -1:
         return
     allowed = os.sched_getaffinity(0)
@@ -49,5 +49,5 @@ def place_on_core(core: int) -> None:
         raise ParameterError(f'invalid cpu_core = {core}: must be -1 (any core) or one of '
                              + ', '.join(map(str, sorted(allowed))))
     for thread in os.listdir('/proc/self/task'):
-        with suppress(ProcessLookupError):  # a thread that has ended meanwhile
+        with suppress(ProcessLookupError):  # the thread has ended meanwhile
             os.sched_setaffinity(int(thread), {core})

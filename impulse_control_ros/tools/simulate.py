@@ -60,7 +60,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
     Simulate an experiment into a bag; returns the exit status.
 
-    0: done; 2: bad arguments, parameters or folder; 1: anything else; said in one line.
+    0: done; 2: invalid arguments, parameters or folder; 1: anything else. Errors take one line.
     """
     try:
         options = parse(arguments)
@@ -88,7 +88,7 @@ def require_end(plant: PlantParameters) -> None:
 
 
 def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> int:
-    """Fill and finish the bag, and say how it went; returns the exit status."""
+    """Fill and finish the bag, and report the outcome; returns the exit status."""
     plant, began = experiment.plant_simulator, monotonic()
     start_ns, count = plant.start_ns(0), ticks(plant.duration, plant.time_step) + 1
     seconds, why = 0.0, ''
@@ -119,8 +119,8 @@ def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> in
 
 
 def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMessages:
-    """Write what stands before the samples of a run: its topics and its parameters."""
-    # closed_loop lets the plant wait for its recorder
+    """Write the topics and the parameters, which precede the samples of a run."""
+    # closed_loop makes the plant wait for its recorder
     plant = replace(experiment.plant_simulator, wait_for_recorder=True)
     header = StateHeader(new_run(), 0, new_id(CONTROLLER))
     types = dict(SERIES)
@@ -138,7 +138,7 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
-    """Yield ``items``, of which a thread makes the next one meanwhile."""
+    """Yield ``items``, while a thread prepares the next one."""
     with ThreadPoolExecutor(1) as worker:
         pending = worker.submit(next, items, None)
         while (item := pending.result()) is not None:
