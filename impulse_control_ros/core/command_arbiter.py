@@ -9,10 +9,10 @@ from impulse_control_ros.core.protocol import (
     StateHeader,
     Verdict,
 )
+from impulse_control_ros.core.silence import Silence
 
 SOON = 0.02  # s; minimum time before an unanswered state is republished
 ROUND_TRIPS = 20
-LONGEST_LOOK = 0.1  # s; maximum silence counted per look, as the process may have been stopped
 Stamp = tuple[int, int]
 
 
@@ -21,19 +21,19 @@ class CommandArbiter:
     Selects the commands for the plant of ``run``, which waits for them in ``lockstep``.
 
     ``header`` is the header of its states. ``effort`` [N] is the applied effort, ``awaiting``
-    tells whether the present state is unanswered, and ``silent`` [s] for how long. ``counts`` has
+    tells whether the present state is unanswered, and ``silence`` for how long. ``counts`` has
     the commands by outcome. Times ``now`` are in s, of one clock.
     """
 
     def __init__(self, run: str, lockstep: bool, now: float) -> None:
         self.header = StateHeader(run)
-        self.effort, self.silent, self.awaiting = 0.0, 0.0, False
+        self.effort, self.awaiting, self.silence = 0.0, False, Silence(now)
         self.counts = {'accepted': 0, 'late': 0} | dict.fromkeys(
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0)
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # newest one applied, without lockstep
-        self._asked_at = self._looked_at = now
+        self._asked_at = now
         self._round_trip = 0.0  # s; follows the median of the time from state to command
 
     def expect(self, stamp: Stamp, now: float) -> None:
@@ -48,11 +48,13 @@ class CommandArbiter:
         self.header, verdict = judge_command(before, sender, is_due)
         if verdict is not Verdict.ACTS:
             self.counts[verdict.name.lower()] += 1
-            if verdict is Verdict.STALE and sender.author == before.controller:
-                self.silent = 0.0
+            # a foreign controller whose stamps are wrong is stale for ever
+            if verdict is Verdict.STALE and sender.author == before.controller != FOREIGN:
+                self.silence.hear()
             return verdict
         self.counts['accepted'] += 1
-        self.effort, self.silent, self.awaiting = effort, 0.0, False
+        self.effort, self.awaiting = effort, False
+        self.silence.hear()
         if self._lockstep:
             trip, took = self._round_trip, now - self._asked_at
             self._round_trip = max(1e-5, trip * (1.02 if took > trip else 0.98))
@@ -75,16 +77,12 @@ class CommandArbiter:
         """The time [s] after which an unanswered state is republished."""
         return max(SOON, ROUND_TRIPS * self._round_trip)
 
-    def look(self, now: float) -> None:
-        """Measure the time without an answer, except time in which the process was stopped."""
-        self.silent += min(now - self._looked_at, LONGEST_LOOK)
-        self._looked_at = now
-
     def drop_silent(self, timeout: float) -> bool:
         """Drop the active controller after ``timeout`` [s] of silence; returns whether it did."""
         if self._lockstep and not self.awaiting:
             return False  # the next state names the author of the command that acts
-        before, self.header = self.header, after_silence(self.header, self.silent, timeout)
+        before = self.header
+        self.header = after_silence(before, self.silence.seconds, timeout)
         return before is not self.header and before.controller != ''
 
     def reset(self) -> None:

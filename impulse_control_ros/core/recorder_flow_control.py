@@ -7,6 +7,7 @@ sender.
 """
 
 from impulse_control_ros.core.protocol import ENDLESS, step_limit
+from impulse_control_ros.core.silence import Silence
 from impulse_control_ros.core.tick import SampleClock, SECOND
 
 LEAVES = 2**31 - 1  # s; progress that announces the end of a recorder
@@ -24,7 +25,7 @@ class RecorderFlowControl:
         self.limit = ENDLESS
         self._clock, self._lockstep = clock, lockstep
         self._reached: dict[str, int] = {}
-        self._heard_at: dict[str, float] = {}
+        self._silences: dict[str, Silence] = {}
         self._since = 0
 
     def __len__(self) -> int:
@@ -35,7 +36,7 @@ class RecorderFlowControl:
         if stamp_ns >= LEAVES * SECOND:
             return 'has ended' if self._drop(recorder) else ''
         news = '' if recorder in self._reached else 'has joined'
-        self._heard_at[recorder] = now
+        self._silences[recorder] = Silence(now)
         if news:
             self._reached[recorder] = self._clock.tick - 1
             self.hold()
@@ -47,12 +48,12 @@ class RecorderFlowControl:
 
     def drop_silent(self, now: float, timeout: float) -> list[str]:
         """Drop the recorders that have been silent for ``timeout`` [s]; returns their ids."""
-        return [recorder for recorder, heard_at in list(self._heard_at.items())
-                if now > heard_at + timeout and self._drop(recorder)]
+        return [recorder for recorder, silence in list(self._silences.items())
+                if silence.look(now) > timeout and self._drop(recorder)]
 
     def _drop(self, recorder: str) -> bool:
         known = self._reached.pop(recorder, None) is not None
-        self._heard_at.pop(recorder, None)
+        self._silences.pop(recorder, None)
         self._update()
         return known
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from time import monotonic
 
 from impulse_control_ros.core.protocol import RUN_TIMEOUT
+from impulse_control_ros.core.silence import Silence
 from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
 from impulse_control_ros.files.sample_joiner import Plant, SampleJoiner
 
 # s to wait for a missing message: DDS resends it within 3 s if its author is alive; a replaced
 # author is dead, or its message would come too late
 GIVE_UP, GIVE_UP_REPLACED = 5.0, 1.0
-LONGEST_LOOK = 0.1  # s; maximum time counted per look, as the process may have been stopped
 
 
 class RunRecording:
@@ -28,9 +28,8 @@ class RunRecording:
         self._make_bag, self._described = make_bag, described
         self._topics = 0
         self._began_at = self._wrote_at = 0.0
-        self._looked_at = monotonic()
         self._heard = self._reached = 0
-        self._quiet = self._stuck = 0.0
+        self._quiet, self._stuck = Silence(monotonic()), Silence(monotonic())
 
     def write(self, everything: bool = False) -> None:
         """Write the complete samples, or ``everything``, into the bag."""
@@ -61,20 +60,20 @@ class RunRecording:
     def look(self) -> None:
         """Measure the time without a state of the run, and without a new complete sample."""
         joiner, now = self.joiner, monotonic()
-        elapsed, self._looked_at = min(now - self._looked_at, LONGEST_LOOK), now
         if joiner.heard != self._heard:
-            self._heard, self._quiet, joiner.other = joiner.heard, 0.0, None
+            self._heard, joiner.other = joiner.heard, None
+            self._quiet.hear()
         if joiner.reached != self._reached or not joiner.is_blocked:
-            self._reached, self._stuck = joiner.reached, 0.0
-        self._quiet += elapsed
-        self._stuck += elapsed
-        if self._stuck > (GIVE_UP_REPLACED if joiner.is_replaced else GIVE_UP):
+            self._reached = joiner.reached
+            self._stuck.hear()
+        self._quiet.look(now)
+        if self._stuck.look(now) > (GIVE_UP_REPLACED if joiner.is_replaced else GIVE_UP):
             joiner.give_up()
 
     @property
     def is_quiet(self) -> bool:
         """Whether no state of the run has arrived for `RUN_TIMEOUT`."""
-        return self._quiet > RUN_TIMEOUT
+        return self._quiet.seconds > RUN_TIMEOUT
 
     def finish(self) -> str:
         """Finish the bag with everything received; returns a summary, '' without a bag."""

@@ -55,7 +55,10 @@ class SampleJoiner:
         self._read, self._joint = StampedReader(parse_state).read, string(plant.joint)
         self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
         self._named = ''  # in the newest copy of the newest state
-        self._answers = {COMMANDS: AnswerQueue(plant.run), EVENTS: AnswerQueue(plant.run)}
+        is_free = bool(plant.run) and not plant.lockstep
+        self._answers = {COMMANDS: AnswerQueue(plant.run, is_free),
+                         EVENTS: AnswerQueue(plant.run, is_free)}
+        self._commanded = False  # whether a command has arrived
         self._unstamped = UnstampedQueue()
         self._loose: list[Entry] = []  # belongs to a state without answering it
         self._done = 0  # stamp of the last released state
@@ -69,10 +72,14 @@ class SampleJoiner:
             self._add_state(raw, time)
         elif channel in self._answers:
             why_not, stamp = self._answers[channel].add(raw, self._done)
-            if why_not == 'unstamped':  # goes behind the last one with a stamp
+            if why_not == 'loose':
+                self._unstamped.add(time, channel, raw)
+            elif why_not == 'unstamped':  # goes behind the last one with a stamp
                 self._loose.append((stamp, channel, raw))
             elif why_not:
                 self.counts[why_not] += 1
+            self._commanded = self._commanded or (
+                channel == COMMANDS and why_not in ('', 'loose'))
         elif channel != PARAMETERS:
             self._unstamped.add(time, channel, raw)
         else:
@@ -104,7 +111,7 @@ class SampleJoiner:
     @property
     def begun(self) -> bool:
         """Whether a state and a command have arrived."""
-        return bool(self._done or (self._states and self._answers[COMMANDS]))
+        return bool(self._done or (self._states and self._commanded))
 
     @property
     def in_flight(self) -> bool:
@@ -158,14 +165,23 @@ class SampleJoiner:
                 entries += self._loose_until(stamp)
             self._account(stamp, command, event, follows)
         if everything:
+            for channel in self._answers:
+                self._keep_foreign(channel, 2**63)
             entries += self._loose_until(2**63)
         return entries
+
+    def _keep_foreign(self, channel: int, stamp: int) -> None:
+        """Drop the answers up to a stamp, except those beside a foreign plant."""
+        others = self._answers[channel].pop_others(stamp)
+        if not self.plant.run:
+            self._loose += [(early, channel, raw) for early, raw in others]
 
     def _sample(self, stamp: int, named: str) -> tuple[Answer | None, Answer | None, bool]:
         """Return command and event of a state, and whether to wait for one of them."""
         command, is_lost = self._answers[COMMANDS].find(stamp, named)
         if command is None:
-            needed = self.plant.lockstep or named not in ('', FOREIGN) or self._answered
+            needed = self.plant.lockstep or (
+                named != FOREIGN and (named != '' or self._answered))
             return None, None, needed and not is_lost
         if not command.guard:
             return command, None, False
@@ -194,8 +210,10 @@ class SampleJoiner:
             self._answered = True
             counts['missing'] += bool(command.guard) and event is None
         self._done = stamp
-        for answers in self._answers.values():
+        for channel, answers in self._answers.items():
             counts['repeated'] += max(0, answers.pop(stamp) - 1)
+            if answers:
+                self._keep_foreign(channel, stamp)
 
     def _loose_until(self, stamp: int, channel: int = 0) -> Iterator[Entry]:
         """Yield the loose messages up to ``stamp``, of one ``channel`` or, if 0, of all."""

@@ -41,10 +41,14 @@ class StampedReader:
 
 
 class AnswerQueue:
-    """The commands or the events of a run that wait for their states."""
+    """
+    The commands or the events of a run that wait for their states.
 
-    def __init__(self, run: str) -> None:
-        self._run = run
+    A plant of ours that does not wait, ``is_free``, takes those of foreign peers with any stamp.
+    """
+
+    def __init__(self, run: str, is_free: bool) -> None:
+        self._run, self._is_free = run, is_free
         self._waiting: dict[int, list[Answer]] = {}
         self._latest: dict[str, int] = {}  # stamp by author
         self._read = StampedReader(parse_command).read
@@ -57,12 +61,14 @@ class AnswerQueue:
         Take a message; states up to the stamp ``done`` have been released.
 
         Returns why it is not kept ('' if it is) and its stamp, or its author's latest stamp if it
-        has none.
+        has none. It is 'loose' if its stamp is none of a state.
         """
         sender, stamp = self._read(raw)
         author = sender.author
         if sender.run != self._run and author != FOREIGN:
             return 'foreign', 0
+        if author == FOREIGN and self._is_free:
+            return 'loose', stamp
         if not stamp:
             return 'unstamped', self._latest.get(author, done)
         found = self._waiting.get(stamp)
@@ -98,12 +104,15 @@ class AnswerQueue:
         return max(self._latest, key=lambda one: self._latest[one], default=author) != author
 
     def pop(self, stamp: int) -> int:
-        """Drop the answers up to a stamp; returns how many were for it."""
-        count = len(self._waiting.pop(stamp, ()))
-        if self._waiting and next(iter(self._waiting)) < stamp:  # their states are missing
-            for early in [one for one in self._waiting if one < stamp]:
-                del self._waiting[early]
-        return count
+        """Drop the answers to the state of a stamp; returns how many there were."""
+        return len(self._waiting.pop(stamp, ()))
+
+    def pop_others(self, stamp: int) -> list[tuple[int, bytes]]:
+        """Drop the answers up to a stamp; returns them with theirs: no state has it."""
+        if not self._waiting or next(iter(self._waiting)) > stamp:
+            return []
+        return [(early, one.raw) for early in [one for one in self._waiting if one <= stamp]
+                for one in self._waiting.pop(early)]
 
 
 class UnstampedQueue:
@@ -118,6 +127,8 @@ class UnstampedQueue:
         """Note the publish time [ns] of a state."""
         self._times.append(time)
         self._stamps.append(stamp)
+        if len(self._times) > 2 * KEPT:
+            del self._times[:-KEPT], self._stamps[:-KEPT]
 
     def add(self, time: int, channel: int, raw: bytes) -> None:
         """Take a message that was published at ``time`` [ns]."""
@@ -126,8 +137,6 @@ class UnstampedQueue:
     def placed(self, everything: bool) -> list[Entry]:
         """Return messages before the newest state, or ``everything``, with their place."""
         times, stamps = self._times, self._stamps
-        if len(times) > 2 * KEPT:
-            del times[:-KEPT], stamps[:-KEPT]
         waiting, self._waiting = self._waiting, []
         found = []
         for time, channel, raw in waiting:

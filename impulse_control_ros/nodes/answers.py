@@ -73,4 +73,6 @@ class Answers:
 
     def send_zero(self) -> None:
         """Command 0 N with stamp 0, which ROS reads as no time: it answers no state."""
-        self.commands.send(self._commands[NO_IMPULSE].encode(0, 0, 0.0))
+        command = self._commands[NO_IMPULSE].encode(0, 0, 0.0)
+        self._last = b'', command
+        self.commands.send(command)

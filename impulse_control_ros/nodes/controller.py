@@ -56,8 +56,8 @@ class Controller(ManagedNode):
         self.active_other = ''
         self._untold: dict[str, Any] | None = None
         step_ns = nanoseconds(self.parameters.time_step, 'time_step')
-        self.states, self.rate = StateArbiter(self.id, step_ns), StateRate(step_ns)
-        self.timeout = StateTimeout()
+        self.states = StateArbiter(self.id, step_ns, monotonic())
+        self.rate, self.timeout = StateRate(step_ns), StateTimeout()
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         if not composed:
             self.create_subscription(
@@ -80,7 +80,7 @@ class Controller(ManagedNode):
             if not (-INF < position < INF and -INF < velocity < INF):
                 self._require_measured(position, velocity)
             stamp = sec * SECOND + nanosec
-            if not self.states.follows(header, stamp, monotonic()) and (
+            if not self.states.follows(header, stamp) and (
                     not self._is_to_answer(header, stamp, raw)):
                 return
         except UnreadableError as error:
@@ -113,7 +113,7 @@ class Controller(ManagedNode):
             raise UnreadableError('without a stamp')
         before, last = self.states.run, self.states.stamp
         lockstep = not self.plants.run_freely(header.run)
-        reply = self.states.judge(header, stamp, lockstep, monotonic())
+        reply = self.states.judge(header, stamp, lockstep)
         if not header.run:
             if reply is Reply.REPEAT and raw != self._seen:
                 raise UnreadableError(f'with the stamp of the one before, {seconds(stamp)} s')
@@ -160,7 +160,8 @@ class Controller(ManagedNode):
         """Handle a state that needs no new answer."""
         if reply is Reply.REPEAT:
             self._report.counts['repeated'] += 1
-            if not self.plants.run_freely(header.run):  # a free-running plant needs none
+            # a free-running plant of ours repeats its state for new peers only
+            if not (header.run and self.plants.run_freely(header.run)):
                 self.answers.repeat()
         elif reply is Reply.STAND_BY:
             self._report.counts['standby'] += 1
@@ -190,12 +191,12 @@ class Controller(ManagedNode):
 
     def activated(self) -> None:
         """Answer from now on, with an empty memory."""
-        self.states.forget()
+        self.states.start_afresh()
         self.timeout.forget()
 
     def deactivated(self) -> None:
         """Command 0 N to a free-running plant."""
-        if self.states.stamp and self.plants.run_freely(self.states.run):
+        if self.states.is_answering and self.plants.run_freely(self.states.run):
             self._command_zero()
 
     def _command_zero(self) -> None:
@@ -204,13 +205,13 @@ class Controller(ManagedNode):
 
     def poll(self) -> float:
         """Command 0 N if states stop arriving from a plant that does not wait for commands."""
-        timeout = self.parameters.state_timeout
-        # the stamp of the last answer is 0 while standing by
-        if not (timeout and self.active and self.states.stamp
+        timeout, now = self.parameters.state_timeout, monotonic()
+        self.states.silence.look(now)
+        if not (timeout and self.active and self.states.is_answering
                 and self.plants.run_freely(self.states.run)):
             return IDLE
         was_deserted = self.timeout.deserted
-        if self.timeout.is_due(self.answers.sent, monotonic(), timeout):
+        if self.timeout.is_due(self.answers.sent, now, timeout):
             self._command_zero()
             if not was_deserted:
                 self.get_logger().error(f'no state for {timeout:g} s: commanding 0 N')

@@ -19,6 +19,7 @@ class ControllerReport:
     def __init__(self, controller: Any) -> None:
         self.counts = dict.fromkeys(
             ('repeated', 'standby', 'other_run', 'rejected', 'withheld'), 0)
+        self._ignored: set[str] = set()  # the runs of other plants
         self._controller, self._logger = controller, controller.get_logger()
         Diagnostics(controller, self._progress, self._report)
 
@@ -28,9 +29,10 @@ class ControllerReport:
 
     def ignore(self, header: StateHeader) -> None:
         """Log that another plant is ignored."""
-        self._logger.warning(
-            f'ignoring the states of a second plant (run {header.run or "unknown"})',
-            throttle_duration_sec=60.0)
+        if header.run not in self._ignored:
+            self._ignored.add(header.run)
+            self._logger.warning(
+                f'ignoring the states of a second plant (run {header.run or "unknown"})')
 
     def withhold(self, effort: float, largest: float, position: float, velocity: float) -> None:
         """Log that an ``effort`` [N] above the ``largest`` allowed one is not sent."""

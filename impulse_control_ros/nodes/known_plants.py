@@ -27,6 +27,7 @@ class KnownPlants:
         self._logger = logger
         self._values: dict[str, dict[str, Any]] = {}
         self._said: list[Finding] = []
+        self._adopted = ''
 
     def on_event(self, raw: bytes) -> None:
         """Take an event on run_parameters, as CDR."""
@@ -36,7 +37,7 @@ class KnownPlants:
             self._values.pop(run, None)
             self._values[run] = {**values, NAME: name}
             if len(self._values) > MOST:
-                del self._values[next(iter(self._values))]
+                del self._values[next(one for one in self._values if one != self._adopted)]
 
     def __contains__(self, run: str) -> bool:
         return run in self._values
@@ -50,6 +51,7 @@ class KnownPlants:
         values = self._values.get(run, {})
         name = values.get(NAME, 'a foreign plant, whose joint and time_step are taken to be ours')
         require_agreement(name, values, gains.flat())
+        self._adopted = run
         self._logger.info(f'found {name}')
         self.advise(run, gains)
 

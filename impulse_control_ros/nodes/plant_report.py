@@ -5,6 +5,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from impulse_control_ros.core.protocol import FOREIGN
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 FIRST_REPORT, REPORT = 2.0, 20.0  # s
@@ -63,9 +64,10 @@ class PlantReport:
     @property
     def _counts(self) -> dict[str, int]:
         """The commands by outcome, and the number of unanswered states."""
-        counts = self._plant.arbiter.counts
-        return counts | {'rejected': self._rejected,
-                         'lost': max(0, self._plant.clock.tick - counts['accepted'])}
+        arbiter, tick = self._plant.arbiter, self._plant.clock.tick
+        is_foreign = arbiter.header.controller == FOREIGN  # it need not answer every state
+        lost = 0 if is_foreign else max(0, tick - arbiter.counts['accepted'])
+        return arbiter.counts | {'rejected': self._rejected, 'lost': lost}
 
     def _progress(self) -> tuple[int, float]:
         return self._plant.clock.tick, self._plant.clock.elapsed

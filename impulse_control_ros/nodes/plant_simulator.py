@@ -191,11 +191,11 @@ class PlantSimulator(ParameterNode):
         self._proceed()
         if self.finished or self.clock.tick > tick:
             return 0.0
-        self.arbiter.look(now)
+        self.arbiter.silence.look(now)
         held = self.arbiter.awaiting or not (
             self.recorders.may_step and (self.has_next or self.recorders.have_last))
         patience = self.arbiter.patience if held else HEARTBEAT
-        if self.arbiter.silent >= self.parameters.command_timeout:
+        if self.arbiter.silence.seconds >= self.parameters.command_timeout:
             self._nobody_answers(now)
         if now >= self._published_at + patience:
             self._published_at = now
@@ -208,9 +208,9 @@ class PlantSimulator(ParameterNode):
     def _nobody_answers(self, now: float) -> None:
         """Let another controller take over, and stop waiting for messages that are lost."""
         if self.arbiter.drop_silent(self.parameters.command_timeout):
-            self.get_logger().warning(
-                f'no command for {self.arbiter.silent:.2g} s at {self.clock.seconds()} s: any '
-                'controller may take over')
+            silent = self.arbiter.silence.seconds
+            self.get_logger().warning(f'no command for {silent:.2g} s at {self.clock.seconds()} s:'
+                                      ' any controller may take over')
             self._published_at = -math.inf
         if self.arbiter.awaiting:
             self._report.waiting_for('a controller', now)

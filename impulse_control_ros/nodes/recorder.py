@@ -10,7 +10,7 @@ it, so a slow disk slows simulated time but loses nothing. Each run gets its own
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -55,7 +55,7 @@ class Recorder(ParameterNode):
         self._id = new_id(self.get_fully_qualified_name())
         self._topics = RecordedTopics(self, self.parameters.topics, outputs or {})
         self.progress = Output(self, Header, RECORDER_PROGRESS, SLOW_QOS)
-        self._parameters: dict[str, list[Taken]] = {}  # the events by run
+        self._parameters: dict[str, dict[str, list[Taken]]] = {}  # the events by run and node
         self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
         self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before a run is known
@@ -79,15 +79,17 @@ class Recorder(ParameterNode):
         """Keep the parameters of a run, and record it if no other run is recorded."""
         *_, node, values, _ = decoded(taken[1])
         run, name = parse_node(node)
-        events = self._parameters.setdefault(run, [])
-        is_new = all(taken[1] != known[1] for known in events)  # a waiting plant repeats them
-        if is_new:
+        events = self._parameters.setdefault(run, {}).setdefault(node, [])
+        recording = self._recording if self._recording and run == self._recording.run else None
+        if taken[1] not in [known[1] for known in events]:  # a waiting plant repeats them
+            if recording:
+                recording.joiner.add(*taken)
+                events.clear()
             events.append(taken)
-        if self._recording and run == self._recording.run:
-            if is_new:
-                self._recording.joiner.add(*taken)
+        if recording or not describes_plant(values):
+            return
         # a plant has no id; for a foreign plant the controller's parameters are used
-        elif not run or name == name_of(name):
+        if not run or name == name_of(name):
             self._plants.pop(run, None)
             self._plants[run] = values
             if len(self._plants) > MOST_RUNS:
@@ -104,7 +106,7 @@ class Recorder(ParameterNode):
         plant = Plant(run, values['joint_name'], nanoseconds(values['time_step'], 'time_step'),
                       values.get('lockstep', False))
         self._recording = RunRecording(plant, self._make_bag, self._topics.described)
-        for taken in (*self._early, *self._parameters[run]):
+        for taken in (*self._early, *chain(*self._parameters[run].values())):
             self._recording.joiner.add(*taken)
         self._early.clear()
 
@@ -119,6 +121,7 @@ class Recorder(ParameterNode):
     def _finish(self) -> None:
         """Finish the recording of a run, and log a summary."""
         if self._recording:
+            self._tell_progress(LEAVES * SECOND)
             said, bag = self._recording.finish(), self._recording.bag
             if said:
                 self.get_logger().info(said)
@@ -184,11 +187,15 @@ class Recorder(ParameterNode):
             if not (self._recording and self._recording.joiner.in_flight):
                 break
             sleep(BATCH_PERIOD)
-        if self._recording:
-            self._tell_progress(LEAVES * SECOND)
         self._finish()
         if not self._bags:
             self.get_logger().warning('nothing recorded: plant and controller were not both there')
+
+
+def describes_plant(values: Mapping[str, Any]) -> bool:
+    """Tell whether parameters have what a recording needs: anybody may use the topic."""
+    return (isinstance(values.get('joint_name'), str)
+            and isinstance(values.get('time_step'), float))
 
 
 def main(stop: StopRequest) -> int:

@@ -236,8 +236,9 @@ def test_a_foreign_controller_with_stamps_of_its_own_holds_nothing():
     entries, joiner = joined(
         [(STATES, [state(k, '-')]) for k in range(5)] + [(COMMANDS, foreign)], FREE)
     assert channels(entries).count(STATES) == 5
+    assert [raw for _, channel, raw in entries if channel == COMMANDS] == foreign
     assert joiner.reached == START + 4 * STEP
-    assert joiner.counts['missing'] == 0
+    assert joiner.counts == {'states': 5, 'missing': 0, 'repeated': 0, 'foreign': 0}
 
 
 def test_a_command_without_a_stamp_has_the_place_of_the_last_one_that_has_one():

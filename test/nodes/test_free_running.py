@@ -8,12 +8,13 @@ from builtin_interfaces.msg import Time
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from impulse_control_ros.core.protocol import FOREIGN, name_of, parse_command, parse_state
 from impulse_control_ros.files.recording import read
-from test.nodes.runs import assert_replays, stamp_of
+from test.nodes.runs import assert_replays, messages, stamp_of
 from test.processes import busy_loops
 
 COARSE = {'time_step': 0.001}
@@ -36,9 +37,10 @@ def wait_for_zero(client, states):
 
 def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(graph, client):
     plant = graph.start('plant_simulator', **FREE)
+    recorder = graph.start('recorder', bag=graph.folder / 'bag')
     states = client.listen('/joint_states', JointState)
-    publisher = client.publisher('/joint_commands', JointState, 'plant_simulator')
-    client.spin_until(lambda: states, 'states')
+    publisher = client.publisher('/joint_commands', JointState, 'plant_simulator', 'recorder')
+    client.reported('plant_simulator', recorders=1)
     assert abs(stamp_of(states[0]) - time.time_ns()) < 600 * 10**9  # it begins at the wall clock
     assert controller_of(states[0]) == ''
 
@@ -66,12 +68,17 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
     assert 5.0 not in [state.effort[0] for state in states]
     assert client.count_of('plant_simulator', 'accepted') >= 4
     assert controller_of(states[-1]) == FOREIGN
-    first = [stamp_of(state) for state in states]
+    assert recorder.interrupt() == 0, recorder.output
+    recorded = [deserialize_message(raw, JointState) for topic, *_, raw in messages(
+        graph.folder / 'bag') if topic == '/joint_commands']
+    assert {one.effort[0] for one in recorded} == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
+    assert read(graph.folder / 'bag').receipt['missing'] == '0'
     plant.kill()
-    states.clear()
     plant = graph.start('plant_simulator', **FREE)
-    client.spin_until(lambda: len(states) > 10, 'states')
-    stamps = first + [stamp_of(state) for state in states]
+    plant.says('running from')
+    heard = len(states)
+    client.spin_until(lambda: len(states) > heard + 10, 'states')
+    stamps = [stamp_of(state) for state in states]
     assert all(before < after for before, after in pairwise(stamps))
     assert plant.interrupt() == 0
 

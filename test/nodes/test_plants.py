@@ -1,11 +1,16 @@
 """Several plants, foreign messages beside one, and a foreign plant."""
 
+import math
+import time
+
 from builtin_interfaces.msg import Time
 import numpy as np
+from rcl_interfaces.msg import ParameterEvent
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.protocol import parse_state
 from impulse_control_ros.files.recording import read
+from impulse_control_ros.nodes.topics import LATCHED_QOS
 from test.nodes.runs import (
     assert_replays,
     assert_simulated,
@@ -57,7 +62,9 @@ def test_what_others_say_beside_a_run_is_counted_and_changes_nothing(graph, clie
     run = Run(graph, client)
     states = client.publisher('/joint_states', JointState, 'controller', 'recorder')
     commands = client.publisher('/joint_commands', JointState, 'plant_simulator', 'recorder')
+    parameters = client.node.create_publisher(ParameterEvent, '/run_parameters', LATCHED_QOS)
     strange = {
+        parameters: [ParameterEvent(node='/somebody')],
         states: [message((1, 0), position=[1.0], velocity=[0.0]),
                  message((1, 0), name='elbow', position=[1.0]),
                  message((1, 0), 'run:0badcafe.0', position=[1.0], velocity=[0.0]), GARBAGE],
@@ -95,20 +102,28 @@ def test_what_others_say_beside_a_run_is_counted_and_changes_nothing(graph, clie
 
 
 def foreign_states(client, count, start=START):
-    """Publish states as a driver does, one for each command; returns the commands."""
+    """Publish states as a driver does, one for each command; returns the first commands."""
     states = client.publisher('/joint_states', JointState, 'controller', 'recorder')
     commands = client.listen('/joint_commands', JointState)
     client.reported('recorder', written=0)
+    first = []
     for k in range(count):
-        position = 0.5 - 0.01 * k
         stamp = divmod(start + k * 1_000_000, 10**9)
+        state = message(stamp, name='axis', position=[0.5 - 0.01 * k], velocity=[-1.0])
+        asked_at = [-math.inf]
 
-        def answered(stamp=stamp, position=position):
-            states.publish(message(stamp, name='axis', position=[position], velocity=[-1.0]))
+        def answers(stamp=stamp, state=state, asked_at=asked_at):
+            if time.monotonic() > asked_at[0] + 0.1:  # a lost message is asked for again
+                asked_at[0] = time.monotonic()
+                states.publish(state)
             return [one for one in commands
                     if (one.header.stamp.sec, one.header.stamp.nanosec) == stamp]
-        client.spin_until(answered, f'the answer to state {k}')
-    return commands
+        client.spin_until(answers, f'the answer to state {k}')
+        first += answers()[:1]
+    states.publish(state)
+    client.spin_until(lambda: len(answers()) > 1, 'the last answer once more')
+    assert all(one == first[-1] for one in answers())
+    return first
 
 
 def test_a_foreign_plant_is_answered_and_recorded(graph, client):

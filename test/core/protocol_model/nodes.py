@@ -16,7 +16,7 @@ class Nodes:
     """The arbiters and the joiner that take the messages of one walk through the model."""
 
     def __init__(self):
-        self.states, self.now, self.headers = {}, {}, {}
+        self.states, self.headers = {}, {}
         self.recorder, self.joiner = '', None
         self.acted = {}  # the author whose command acted, by run and stamp
 
@@ -45,12 +45,13 @@ class Nodes:
         name, _, state, *silence = what
         at = [one.id for one in before.controllers].index(name)
         one, stamp = after.controllers[at], state.tick + 1
-        arbiter = self.states.setdefault(name, StateArbiter(name, 1))
-        now = self.now[name] = self.now.get(name, 0.0) + (RUN_TIMEOUT if silence else 0.0)
+        arbiter = self.states.setdefault(name, StateArbiter(name, 1, 0.0))
+        if silence:
+            arbiter.silence.seconds = RUN_TIMEOUT
         # a reader of messages returns the same header for the same frame_id
         header = self.headers.setdefault(state.header.frame_id, state.header)
-        reply = (Reply.ANSWER if arbiter.follows(header, stamp, now)
-                 else arbiter.judge(header, stamp, True, now))
+        reply = (Reply.ANSWER if arbiter.follows(header, stamp)
+                 else arbiter.judge(header, stamp, True))
         assert (arbiter.run, arbiter.stamp) == (one.last.run, one.last.stamp)
         if one.sent is before.controllers[at].sent:
             assert reply not in (Reply.ANSWER, Reply.ANSWER_AFRESH)

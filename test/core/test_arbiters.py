@@ -1,0 +1,92 @@
+"""Silence, take-over and repeated states, as plant, controller and recorders judge them."""
+
+import pytest
+
+from impulse_control_ros.core.command_arbiter import CommandArbiter
+from impulse_control_ros.core.protocol import (
+    CommandHeader,
+    FOREIGN,
+    Reply,
+    RUN_TIMEOUT,
+    StateHeader,
+    Verdict,
+)
+from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
+from impulse_control_ros.core.silence import LONGEST_LOOK, Silence
+from impulse_control_ros.core.state_arbiter import StateArbiter
+from impulse_control_ros.core.tick import SampleClock
+
+RUN, OTHER_RUN, OURS = '0123abcd', '89abcdef', '/controller#ab12'
+
+
+def wait(silence, seconds, since=0.0):
+    """Let so many seconds pass for a process that runs."""
+    for k in range(round(2 * seconds / LONGEST_LOOK) + 1):
+        silence.look(since + k * LONGEST_LOOK / 2)
+
+
+def test_time_in_which_the_process_was_stopped_is_no_silence():
+    silence = Silence(0.0)
+    assert silence.look(60.0) == LONGEST_LOOK
+    silence.hear()
+    assert silence.seconds == 0.0
+
+
+@pytest.mark.parametrize('lockstep', [False, True])
+def test_a_foreign_controller_whose_stamps_are_stale_for_ever_is_replaced(lockstep):
+    arbiter = CommandArbiter(RUN, lockstep, 0.0)
+    arbiter.expect((10, 0), 0.0)
+    assert arbiter.take(CommandHeader(), (10, 0), 1.0, 0.0) is Verdict.ACTS
+    arbiter.expect((10, 1), 0.0)
+    for k in range(100):
+        arbiter.silence.look(k / 20)
+        assert arbiter.take(CommandHeader(), (9, k), 2.0, k / 20) is Verdict.STALE
+    assert arbiter.header.controller == FOREIGN
+    assert arbiter.drop_silent(1.0)
+    assert arbiter.header.controller == ''
+
+
+def test_a_controller_of_ours_that_is_behind_is_heard():
+    arbiter = CommandArbiter(RUN, True, 0.0)
+    command = CommandHeader(RUN, 0, OURS)
+    arbiter.expect((10, 0), 0.0)
+    assert arbiter.take(command, (10, 0), 1.0, 0.0) is Verdict.ACTS
+    arbiter.expect((10, 1), 0.0)
+    wait(arbiter.silence, 2.0)
+    assert arbiter.take(command, (10, 0), 1.0, 2.0) is Verdict.STALE
+    assert not arbiter.drop_silent(1.0)
+
+
+def adopted(stamp=10):
+    arbiter = StateArbiter(OURS, 1, 0.0)
+    assert arbiter.judge(StateHeader(RUN), stamp, True) is Reply.ANSWER_AFRESH
+    return arbiter
+
+
+def test_a_controller_that_was_stopped_stays_with_its_run():
+    arbiter = adopted()
+    arbiter.silence.look(60.0)
+    assert arbiter.judge(StateHeader(OTHER_RUN), 5, True) is Reply.OTHER_RUN
+    arbiter.silence.hear()
+    wait(arbiter.silence, 2 * RUN_TIMEOUT, since=60.0)
+    assert arbiter.judge(StateHeader(OTHER_RUN), 5, True) is Reply.ANSWER_AFRESH
+
+
+def test_a_controller_that_starts_afresh_repeats_the_answer_it_has_given():
+    arbiter = adopted()
+    assert arbiter.is_answering
+    arbiter.start_afresh()
+    assert not arbiter.is_answering
+    named = StateHeader(RUN, 0, OURS)
+    assert arbiter.judge(named, 10, True) is Reply.REPEAT
+    assert not arbiter.follows(named, 11)
+    assert arbiter.judge(named, 11, True) is Reply.ANSWER_AFRESH
+    assert arbiter.follows(named, 12)
+
+
+def test_recorders_are_kept_when_the_plant_was_stopped_and_dropped_when_they_are_silent():
+    recorders = RecorderFlowControl(SampleClock(0, 1), True)
+    assert recorders.take('/recorder#0000', 0, 0.0) == 'has joined'
+    assert recorders.drop_silent(60.0, 10.0) == []
+    dropped = [name for k in range(201) for name in recorders.drop_silent(60.0 + k / 20, 10.0)]
+    assert dropped == ['/recorder#0000']
