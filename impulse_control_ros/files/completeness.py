@@ -32,8 +32,8 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
     if not run.source.run:
         return
     if not states['is_reset'][0]:
-        yield (f'it begins in mid-run, at {states["stamp"][0] / SECOND:.9f} s, where the '
-               'controller may have been at work for long')
+        yield (f'the bag begins in mid-run, at {states["stamp"][0] / SECOND:.9f} s; the '
+               'controller may already have been active')
     step = next(filter(None, (change.values.get('time_step') for change in changes)), 0.0)
     if isinstance(step, float) and step * SECOND >= 1.0:
         steps = np.rint(np.diff(states['stamp']) / (step * SECOND))
@@ -56,8 +56,8 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
                  if change.anew and not change.is_plant]
         for change in began:
             if change.stamp not in commands.stamps:
-                yield (f'the first commands of {change.node} are missing: it has commanded from '
-                       f'{seconds(change.stamp)} s on')
+                yield (f'the first commands of {change.node} are missing; it started at '
+                       f'{seconds(change.stamp)} s')
     fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
         yield f'{missing} commands name a guard whose event is missing'

@@ -103,27 +103,27 @@ class Controller(ManagedNode):
         """Raise `UnreadableError` for unusable values; a velocity of nan is estimated."""
         estimated = self.parameters.velocity_source == 'estimated' or math.isnan(velocity)
         if not (math.isfinite(position) and estimated):
-            raise UnreadableError(f'with position {position}, velocity {velocity}')
+            raise UnreadableError(f'position {position}, velocity {velocity}')
 
     def _is_to_answer(self, header: StateHeader, stamp: int, raw: bytes) -> bool:
         """Tell whether a state needs a new answer; a republished one is answered here."""
         if header.run and header.run not in self.plants:
             return False  # republished until the plant's parameters have arrived
         if not header.run and not stamp:
-            raise UnreadableError('without a stamp')
+            raise UnreadableError('no stamp')
         before, last = self.states.run, self.states.stamp
         lockstep = not self.plants.run_freely(header.run)
         reply = self.states.judge(header, stamp, lockstep)
         if not header.run:
             if reply is Reply.REPEAT and raw != self._seen:
-                raise UnreadableError(f'with the stamp of the one before, {seconds(stamp)} s')
+                raise UnreadableError(f'same stamp as the previous state, {seconds(stamp)} s')
             self._seen = raw
         if self.states.run != before and not self._adopt(header.run):
             return False
         if reply is Reply.ANSWER_AFRESH:
             if stamp < last and self.states.run == before:
-                self.get_logger().info(f'joint_states went back from {seconds(last)} s to '
-                                       f'{seconds(stamp)} s: starting afresh')
+                self.get_logger().info(f'joint_states stamps went back from {seconds(last)} s to '
+                                       f'{seconds(stamp)} s: memory cleared')
             self.rate.begin(stamp, self.answers.sent, last)
             self._begin(header, stamp)
         elif reply is not Reply.ANSWER:
@@ -152,8 +152,8 @@ class Controller(ManagedNode):
         self.answers.address(header.run, header.episode)
         self._untold = {}
         if self.active_other:
-            self.get_logger().info(f'taking over at {seconds(stamp)} s: the plant names no '
-                                   f'controller, {name_of(self.active_other)} is silent')
+            self.get_logger().info(f'taking over at {seconds(stamp)} s: '
+                                   f'{name_of(self.active_other)} is silent')
             self.active_other = ''
 
     def _pass_over(self, reply: Reply, header: StateHeader) -> None:
@@ -216,7 +216,7 @@ class Controller(ManagedNode):
             if not was_deserted:
                 self.get_logger().error(f'no state for {timeout:g} s: commanding 0 N')
         elif was_deserted and not self.timeout.deserted:
-            self.get_logger().info('states are back: answering again')
+            self.get_logger().info('states received again: resuming control')
         return min(IDLE, timeout / 4)
 
     def close(self) -> None:

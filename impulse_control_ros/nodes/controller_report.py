@@ -25,7 +25,7 @@ class ControllerReport:
 
     def reject(self, error: Exception) -> None:
         """Log why a state is rejected."""
-        self._logger.error(f'rejected a state {error}', throttle_duration_sec=5.0)
+        self._logger.error(f'state rejected: {error}', throttle_duration_sec=5.0)
 
     def ignore(self, header: StateHeader) -> None:
         """Log that another plant is ignored."""
@@ -38,8 +38,8 @@ class ControllerReport:
         """Log that an ``effort`` [N] above the ``largest`` allowed one is not sent."""
         self.counts['withheld'] += 1
         self._logger.error(
-            f'sending 0 N: the effort for position {position:g} m, velocity {velocity:g} m/s is '
-            f'{effort:g} N, beyond [-{largest:g}, {largest:g}] N', throttle_duration_sec=5.0)
+            f'effort {effort:g} N at position {position:g} m, velocity {velocity:g} m/s exceeds '
+            f'{largest:g} N: sending 0 N', throttle_duration_sec=5.0)
 
     def _progress(self) -> tuple[int, float]:
         answers, parameters = self._controller.answers, self._controller.parameters
@@ -52,8 +52,9 @@ class ControllerReport:
         if wrong:
             self._logger.error(wrong, throttle_duration_sec=20.0)
         if states.run == '' and controller.count_publishers(JOINT_COMMANDS) > 1:
-            self._logger.warning(f'several controllers publish {JOINT_COMMANDS} for a plant '
-                                 'that takes all of them', throttle_duration_sec=20.0)
+            self._logger.warning(
+                f'several controllers publish {JOINT_COMMANDS}, and a foreign plant applies all '
+                'of them: stop all but one', throttle_duration_sec=20.0)
         is_bad = counts['withheld'] or controller.timeout.deserted or wrong
         level = (DiagnosticStatus.ERROR if is_bad
                  else DiagnosticStatus.WARN if counts['rejected'] else DiagnosticStatus.OK)

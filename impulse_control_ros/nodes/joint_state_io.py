@@ -36,15 +36,15 @@ def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence
     try:
         message: Any = deserialize_message(raw, JointState)
     except Exception as error:  # rclpy raises its own type for invalid bytes
-        raise UnreadableError(f'that cannot be decoded ({error})') from None
+        raise UnreadableError(f'cannot be decoded ({error})') from None
     if joint not in message.name:
-        raise UnreadableError(f'without joint {joint!r}')
+        raise UnreadableError(f'no joint {joint!r}')
     at, stamp = list(message.name).index(joint), message.header.stamp
     wanted = [*fields, *optional]
     empty = [field for field in optional if not len(getattr(message, field))]
     for field in wanted:
         if field not in empty and len(getattr(message, field)) <= at:
-            raise UnreadableError(f'without {field} of joint {joint!r}')
+            raise UnreadableError(f'no {field} of joint {joint!r}')
     return (message.header.frame_id, stamp.sec, stamp.nanosec,
             *(math.nan if field in empty else getattr(message, field)[at] for field in wanted))
 
@@ -107,6 +107,6 @@ def verified_layout(joint: str, frame_id: str, fields: Sequence[str] = FIELDS
     values = PROBE[:len(fields)]
     raw = layout.encode(7, 999_999_999, *values)
     if decode_any(raw, joint, fields) != (frame_id, 7, 999_999_999, *values):
-        raise MiddlewareError('this middleware does not write JointState as little-endian CDR; '
-                              'rmw_fastrtps_cpp does (RMW_IMPLEMENTATION)')
+        raise MiddlewareError('this middleware does not encode JointState as little-endian CDR: '
+                              'set RMW_IMPLEMENTATION=rmw_fastrtps_cpp')
     return layout

@@ -49,7 +49,7 @@ class KnownPlants:
     def adopt(self, run: str, gains: ControllerParameters) -> None:
         """Log which plant was found; raises `ParameterError` if the parameters disagree."""
         values = self._values.get(run, {})
-        name = values.get(NAME, 'a foreign plant, whose joint and time_step are taken to be ours')
+        name = values.get(NAME, 'a foreign plant: assuming our joint_name and time_step')
         require_agreement(name, values, gains.flat())
         self._adopted = run
         self._logger.info(f'found {name}')

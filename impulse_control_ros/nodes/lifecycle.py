@@ -34,7 +34,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         try:
             return change(request, response)
         except _rclpy.RCLError as error:
-            self.get_logger().error(f'no such change of state now: {first_line(error)}')
+            self.get_logger().error(f'invalid lifecycle transition: {first_line(error)}')
             response.success = False
             return response
 

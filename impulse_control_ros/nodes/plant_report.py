@@ -46,9 +46,9 @@ class PlantReport:
         self._rejected += 1
         logger = self._plant.get_logger()
         if is_normal:
-            logger.info(f'ignoring commands {what}', once=True)
+            logger.info(f'ignoring commands: {what}', once=True)
         else:
-            logger.error(f'rejected a command {what}', throttle_duration_sec=5.0)
+            logger.error(f'command rejected: {what}', throttle_duration_sec=5.0)
 
     def summarize(self, what: str) -> None:
         """Log a summary of the run."""
@@ -99,7 +99,7 @@ class PlantReport:
         free = not plant.parameters.lockstep
         return {name: text for name, is_so, text in (
             ('unheard', free and rate > 0 and self._accepted_before == accepted,
-             f'no command for a second at {plant.clock.seconds()} s: '
-             f'{plant.arbiter.effort:g} N is held'),
+             f'no command for 1 s at {plant.clock.seconds()} s: '
+             f'holding {plant.arbiter.effort:g} N'),
             ('slow', 0.0 < factor < 0.9 * wanted and now > self._moving_since + SETTLE,
-             f'{factor:.2f} times real time is less than real_time_factor = {wanted:g}')) if is_so}
+             f'too slow: {factor:.2f} times real time, real_time_factor = {wanted:g}')) if is_so}

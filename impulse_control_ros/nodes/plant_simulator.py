@@ -138,7 +138,7 @@ class PlantSimulator(ParameterNode):
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
-                raise UnreadableError(f'with effort {effort}', sender.author == FOREIGN)
+                raise UnreadableError(f'effort {effort}', sender.author == FOREIGN)
         except UnreadableError as error:
             self._report.reject(*error.args)
             return
@@ -184,7 +184,7 @@ class PlantSimulator(ParameterNode):
         if self.arbiter.awaiting and now < self._published_at + SOON:
             return SOON
         for recorder in self.recorders.drop_silent(now, self.parameters.recorder_timeout):
-            self.get_logger().warning(f'recorder {recorder} is silent: the run goes on without it')
+            self.get_logger().warning(f'recorder {recorder} timed out: continuing without it')
         if tick < 0:
             self.finished = self.finished or self.control.quitting
             return self._start(now)

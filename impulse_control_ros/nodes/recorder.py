@@ -189,7 +189,7 @@ class Recorder(ParameterNode):
             sleep(BATCH_PERIOD)
         self._finish()
         if not self._bags:
-            self.get_logger().warning('nothing recorded: plant and controller were not both there')
+            self.get_logger().warning('nothing recorded: no plant, or no controller, was found')
 
 
 def describes_plant(values: Mapping[str, Any]) -> bool:

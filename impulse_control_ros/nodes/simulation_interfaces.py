@@ -17,8 +17,8 @@ from typing import Any
 
 Outcome = tuple[int, str]
 
-STEPS_ASKED_FOR = 'step_simulation answers once the steps are asked for'
-STATE_ALONE = 'reset_simulation resets the state alone, time goes on'
+STEPS_ASKED_FOR = 'step_simulation responds when the steps are requested'
+STATE_ALONE = 'reset_simulation resets the state only; time continues'
 ENDING = 'the run is ending'
 
 
@@ -110,7 +110,7 @@ class SimulationInterfaces:
         if not self._plant.control.step(steps):
             return failed, f'steps = {steps} is refused while playing: pause first'
         return (self._results.RESULT_OK,
-                f'{steps} steps are asked for {self._when()}; {STEPS_ASKED_FOR}')
+                f'{steps} steps requested {self._when()}; {STEPS_ASKED_FOR}')
 
     def _reset(self, request: Any, _: Any) -> Outcome:
         plant, scope = self._plant, request.scope

@@ -36,9 +36,9 @@ leave = partial(ended, 'simulate')
 PLANT, CONTROLLER = '/plant_simulator', '/controller'
 DESCRIPTION = 'Make the bag that closed_loop would record of an experiment, without ROS.'
 EPILOG = """\
-The samples, the messages and their order are those of closed_loop, to the bit. What concerns the
-wall clock, as real_time_factor, is passed over, and a managed controller is active from the
-start. Ctrl-C ends the run; the bag then has all up to there. All parameters are in
+The samples, the messages and their order are those of closed_loop, to the bit. Wall-clock
+parameters such as real_time_factor are ignored, and a managed controller is active from the
+start. Ctrl-C ends the run; the bag then has everything up to that point. All parameters are in
 docs/parameters.md."""
 T = TypeVar('T')
 
@@ -48,7 +48,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(prog='simulate', description=DESCRIPTION, epilog=EPILOG,
                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('configs', metavar='CONFIG', type=Path, nargs='+',
-                        help='a ROS parameter file; of several the later ones count')
+                        help='a ROS parameter file; later files override earlier ones')
     parser.add_argument('bag', metavar='BAG', type=Path, help='the folder to make')
     parser.add_argument('-p', dest='rules', metavar='[NODE:]NAME:=VALUE', action='append',
                         default=[], help='a parameter of a node, or of all nodes that have it, '

@@ -265,8 +265,8 @@ def without(messages, *unwanted):
     ([(PARAMETERS, 0), (PARAMETERS, 1)], ['the parameters of the plant are missing',
                                           f'the parameters of {CONTROLLER} are missing']),
     ([(STATES, 0), (STATES, 1)],
-     ['it begins in mid-run, at 1.000200000 s, where the controller may have been at work for '
-      'long']),
+     ['the bag begins in mid-run, at 1.000200000 s; the controller may already have been '
+      'active']),
     ([(COMMANDS, k) for k in range(201)], ['there are no commands']),
 ])
 @pytest.mark.parametrize('ours', [False, True])
@@ -296,5 +296,5 @@ def test_the_first_commands_of_a_free_run_are_missed(tmp_path, made, short):
         made.plant_simulator, lockstep=False, real_time_factor=1.0))
     bag = recorded_elsewhere(tmp_path / 'bag', sent([
         *all_told(free), *without(entries(short), (COMMANDS, 0), (COMMANDS, 1))]))
-    assert read(bag).lacks == ['the first commands of /controller are missing: it has commanded '
-                               'from 1.000000000 s on']
+    assert read(bag).lacks == ['the first commands of /controller are missing; it started at '
+                               '1.000000000 s']

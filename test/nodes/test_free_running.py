@@ -114,7 +114,7 @@ def test_a_free_plant_holds_the_effort_of_a_killed_controller_and_another_takes_
 
 def test_a_free_plant_without_a_controller_says_which_effort_it_holds(graph):
     plant = graph.start('plant_simulator', **FREE)
-    plant.says('N is held')
+    plant.says('holding')
     assert plant.interrupt() == 0
 
 

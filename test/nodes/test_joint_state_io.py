@@ -68,8 +68,8 @@ def test_a_reader_tells_messages_of_one_frame_id_apart_by_their_layout():
 
 
 @pytest.mark.parametrize(('raw', 'why'), [
-    (b'', 'cannot be decoded'), (of({'velocity': [1.0]}), "without position of joint 'axis'"),
-    (of({'position': [1.0]}, joints=('elbow',)), "without joint 'axis'")],
+    (b'', 'cannot be decoded'), (of({'velocity': [1.0]}), "no position of joint 'axis'"),
+    (of({'position': [1.0]}, joints=('elbow',)), "no joint 'axis'")],
     ids=['bytes', 'position', 'joint'])  # rclpy's padding is never the same
 def test_a_reader_says_what_a_message_lacks(raw, why):
     reader = JointStateReader('axis', parse_state, ('position',), ('velocity',))

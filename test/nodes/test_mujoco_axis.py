@@ -100,7 +100,7 @@ def test_a_run_whose_states_stayed_away_for_a_while_replays_to_the_bit(graph, cl
     axis.axis.send(signal.SIGSTOP)
     axis.controller.says('commanding 0 N')
     axis.axis.send(signal.SIGCONT)
-    axis.controller.says('states are back')
+    axis.controller.says('states received again')
     recording = axis.finish()
     assert len(recording.withdrawn)
     assert np.isin(recording.withdrawn, recording.states['stamp']).all()

@@ -82,7 +82,7 @@ def test_states_that_stay_away_make_a_zero_command_and_their_return_ends_it(hand
     zeros = {(one.effort[0], stamp_of(one)) for one in commands if one.effort[0] == 0.0}
     assert zeros == {(0.0, 0)}
     assert feed(state(100, 0.5, -1.0)) == -4.5  # what was yet to leave is forgotten
-    process.says('states are back')
+    process.says('states received again')
 
     def same():  # who says the same for ever has stopped
         feed.publisher.publish(state(100, 0.5, -1.0))
@@ -118,7 +118,7 @@ def test_a_state_that_says_nothing_is_rejected_and_the_next_one_is_answered(hand
         feed.publisher.publish(message)
         sent += 1
     client.reported('controller', rejected=sent, answered=1)
-    assert process.output.count('rejected a state') == 1  # in 5 s
+    assert process.output.count('state rejected') == 1  # in 5 s
     assert feed(state(2, 0.25)) == -2.5
     assert {stamp_of(one) for one in commands} == {stamp_of(state(k, 0.0)) for k in (0, 2)}
     assert process.interrupt() == 0

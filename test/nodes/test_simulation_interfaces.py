@@ -142,7 +142,7 @@ def test_steps_are_made_while_paused_and_refused_while_playing(graph, client, st
     seen = client.listen('/joint_states', JointState)
     result = standard.call('StepSimulation', once=True, steps=7).result
     assert result.result == standard.results.RESULT_OK
-    assert '7 steps are asked for at 1.0' in result.error_message
+    assert '7 steps requested at 1.0' in result.error_message
     client.spin_until(lambda: len(seen) >= 7, 'seven states')
     assert standard.state == standard.states.STATE_PAUSED
     assert len({state.header.stamp.nanosec for state in seen}) == 7

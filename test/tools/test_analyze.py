@@ -293,8 +293,8 @@ def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
     writer.write(entry for entry in entries(run) if entry[0] >= START + 10**8)
     code, _, err = analyzed(capsys, finished(writer))
     assert (code, err) == (0, [
-        f'analyze: warning: {tmp_path}/bag: incomplete: it begins in mid-run, at 1.100000000 s, '
-        'where the controller may have been at work for long'])
+        f'analyze: warning: {tmp_path}/bag: incomplete: the bag begins in mid-run, at '
+        '1.100000000 s; the controller may already have been active'])
 
 
 def test_a_run_of_several_is_analysed_by_its_name(tmp_path, capsys):

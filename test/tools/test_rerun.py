@@ -155,7 +155,8 @@ def test_a_bag_that_begins_in_mid_run_is_answered_and_not_run_again(tmp_path, ca
         one for one in messages if one[1] == PARAMETERS or one[0] >= START + 1000 * STEP])
     assert main(StopRequest(), [str(bag), '--closed-loop']) == 2
     said = capsys.readouterr().err.splitlines()
-    assert said[0].startswith(f'replay: warning: {bag}: incomplete: it begins in mid-run, at 1.1')
+    assert said[0].startswith(
+        f'replay: warning: {bag}: incomplete: the bag begins in mid-run, at 1.1')
     assert said[1] == f'replay: {bag}: the bag begins in mid-run, at 1.100000000 s'
     assert main(StopRequest(), [str(bag), '--controller']) == 0
     assert f' {COUNT - 1000} compared, 0 differ' in capsys.readouterr().out
