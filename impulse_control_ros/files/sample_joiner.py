@@ -201,7 +201,8 @@ class SampleJoiner:
         """Count a sample and its missing and repeated messages."""
         counts, step = self.counts, self.plant.step_ns
         counts['states'] += 1
-        if self._done and stamp != self._done + step:
+        has_gap = stamp != self._done + step
+        if self._done and has_gap:
             counts['missing'] += max(0, (stamp - self._done) // step - 1)
         if command is None:
             # the last state and those before the first answer may be unanswered
@@ -211,9 +212,10 @@ class SampleJoiner:
             counts['missing'] += bool(command.guard) and event is None
         self._done = stamp
         for channel, answers in self._answers.items():
-            counts['repeated'] += max(0, answers.pop(stamp) - 1)
-            if answers:
-                self._keep_foreign(channel, stamp)
+            if answers.waiting:
+                counts['repeated'] += answers.drop(stamp)
+                if has_gap or not self.plant.run:
+                    self._keep_foreign(channel, stamp)
 
     def _loose_until(self, stamp: int, channel: int = 0) -> Iterator[Entry]:
         """Yield the loose messages up to ``stamp``, of one ``channel`` or, if 0, of all."""

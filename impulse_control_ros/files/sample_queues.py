@@ -44,17 +44,15 @@ class AnswerQueue:
     """
     The commands or the events of a run that wait for their states.
 
-    A plant of ours that does not wait, ``is_free``, takes those of foreign peers with any stamp.
+    ``waiting`` has them by their stamps [ns]. A plant of ours that does not wait, ``is_free``,
+    takes those of foreign peers with any stamp.
     """
 
     def __init__(self, run: str, is_free: bool) -> None:
         self._run, self._is_free = run, is_free
-        self._waiting: dict[int, list[Answer]] = {}
+        self.waiting: dict[int, list[Answer]] = {}
         self._latest: dict[str, int] = {}  # stamp by author
         self._read = StampedReader(parse_command).read
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
 
     def add(self, raw: bytes, done: int) -> tuple[str, int]:
         """
@@ -71,12 +69,12 @@ class AnswerQueue:
             return 'loose', stamp
         if not stamp:
             return 'unstamped', self._latest.get(author, done)
-        found = self._waiting.get(stamp)
+        found = self.waiting.get(stamp)
         if stamp <= done or (found and any(one.author == author for one in found)):
             return 'repeated', stamp
         answer = Answer(author, sender.guard, raw)
         if found is None:
-            self._waiting[stamp] = [answer]
+            self.waiting[stamp] = [answer]
         else:
             found.append(answer)
         if stamp > self._latest.get(author, 0):
@@ -89,8 +87,8 @@ class AnswerQueue:
 
         If there is none, also return whether that author has sent a later one.
         """
-        for one in self._waiting.get(stamp, ()):
-            if author in ('', one.author):
+        for one in self.waiting.get(stamp, ()):
+            if one.author == author or not author:
                 return one, False
         return None, any(latest > stamp for who, latest in self._latest.items()
                          if author in ('', who))
@@ -103,16 +101,17 @@ class AnswerQueue:
         """Tell whether the latest answer is by another author."""
         return max(self._latest, key=lambda one: self._latest[one], default=author) != author
 
-    def pop(self, stamp: int) -> int:
-        """Drop the answers to the state of a stamp; returns how many there were."""
-        return len(self._waiting.pop(stamp, ()))
+    def drop(self, stamp: int) -> int:
+        """Drop the answers to the state of a stamp; returns how many others than one it had."""
+        found = self.waiting.pop(stamp, None)
+        return len(found) - 1 if found else 0
 
     def pop_others(self, stamp: int) -> list[tuple[int, bytes]]:
         """Drop the answers up to a stamp; returns them with theirs: no state has it."""
-        if not self._waiting or next(iter(self._waiting)) > stamp:
+        if not self.waiting or next(iter(self.waiting)) > stamp:
             return []
-        return [(early, one.raw) for early in [one for one in self._waiting if one <= stamp]
-                for one in self._waiting.pop(early)]
+        return [(early, one.raw) for early in [one for one in self.waiting if one <= stamp]
+                for one in self.waiting.pop(early)]
 
 
 class UnstampedQueue:
