@@ -61,7 +61,7 @@ class DivergedError(ArithmeticError):
 
     def __init__(self, position: float, velocity: float, seconds: str) -> None:
         super().__init__(f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
-                         f'velocity = {velocity:.3g} m/s; allowed is < {DIVERGED:g}')
+                         f'velocity = {velocity:.3g} m/s; both must be < {DIVERGED:g}')
 
 
 @dataclass(frozen=True, kw_only=True)

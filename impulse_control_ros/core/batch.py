@@ -200,12 +200,12 @@ def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str,
         side, inner, default, spec = found(name)
         array = np.asarray(values)
         if array.ndim != 1 or not array.size or runs not in (None, len(array)):
-            raise ParameterError(f'{name} of shape {array.shape} is refused: allowed is '
+            raise ParameterError(f'invalid {name} of shape {array.shape}: must be '
                                  + (f'({runs},), as the others' if runs else '(runs,)'))
         runs = len(array)
         sides[side][inner] = checked(name, array, default, spec)
     if runs is None:
-        raise ParameterError('no parameter is varied: allowed is at least one')
+        raise ParameterError('no parameter is varied: at least one is needed')
     return sides['plant_simulator'], sides['controller']
 
 
@@ -217,7 +217,7 @@ def found(name: str) -> tuple[str, str, Any, Spec]:
     if len(same) == 1:
         return known[same[0]]
     near = same or get_close_matches(name, [*known, *(full.split('.', 1)[1] for full in known)], 1)
-    raise ParameterError(f'{name} is refused: no such parameter can be varied'
+    raise ParameterError(f'{name}: no such parameter can be varied'
                          + (f'; is {" or ".join(near)} meant?' if near else ''))
 
 

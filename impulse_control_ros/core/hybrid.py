@@ -214,7 +214,7 @@ class Solution:
         times = np.asarray(time, float)
         wrong = times[~((times >= 0.0) & (times <= self.last))]
         if wrong.size:
-            raise refusal('time', float(wrong[0]), f'[0, {self.last:g}] [s]')
+            raise refusal('time', float(wrong[0]), f'in [0, {self.last:g}] [s]')
         errors, velocities = np.empty(times.size), np.empty(times.size)
         evaluate(self.arcs, self.axis[0], self.gains[0], times.ravel(), errors, velocities)
         return self.x_r + errors.reshape(times.shape), velocities.reshape(times.shape)
@@ -228,7 +228,7 @@ class Solution:
         if not time_step > 0.0:
             raise refusal('time_step', time_step, '> 0 [s]')
         if not 0 <= steps * time_step <= self.last * ROUNDED:
-            raise refusal('steps', steps, f'[0, {self.last / time_step:g}] [samples]')
+            raise refusal('steps', steps, f'in [0, {self.last / time_step:g}] [samples]')
         times, positions, velocities = (np.empty(steps + 1) for _ in range(3))
         sample(self.arcs, self.axis[0], self.gains[0], time_step, times, positions, velocities)
         positions += self.x_r
@@ -250,7 +250,7 @@ def solve(
     if not 0.0 < duration < math.inf:
         raise refusal('duration', duration, '> 0 and finite [s]')
     if not axis.is_ideal:
-        raise ParameterError('this axis is refused: allowed is an ideal one, without sensor, '
+        raise ParameterError('the axis must be an ideal one, without sensor, '
                              'actuator, payload, disturbance and F_s')
     if event_limit < 0:
         raise refusal('event_limit', event_limit, '>= 0 [events]')

@@ -148,9 +148,9 @@ def law_of(name: str, given: Any) -> Law:
     kind, arguments = next(iter(given.items()))
     if kind not in LAWS:
         near = get_close_matches(str(kind), LAWS, 1)
-        raise ParameterError(f'{name}: {kind} is refused: there is no such law'
+        raise ParameterError(f'{name}: {kind}: there is no such law'
                              + (f'; is {near[0]} meant?' if near
-                                else f'; allowed is {", ".join(LAWS)}'))
+                                else f'; must be {", ".join(LAWS)}'))
     if kind == 'seeds':
         right = arguments is True
     elif kind in LISTS:

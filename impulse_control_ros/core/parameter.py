@@ -40,11 +40,11 @@ class Spec:
     reference: str = ''
 
     def allowed(self, kind: type = float) -> str:
-        """Say in words what is allowed for a parameter of type ``kind``, e.g. ``> 0``."""
+        """Say what is allowed for a parameter of type ``kind``, e.g. ``> 0`` or ``in [0, 1]``."""
         if self.choices:
             text = 'one of ' + ', '.join(str(choice) for choice in self.choices)
         elif self.lower is not None and self.upper is not None:
-            text = (f'{"(" if self.open_lower else "["}{self.lower:g}, '
+            text = (f'in {"(" if self.open_lower else "["}{self.lower:g}, '
                     f'{self.upper:g}{")" if self.open_upper else "]"}')
         elif self.lower is not None:
             text = f'{">" if self.open_lower else ">="} {self.lower:g}'
@@ -129,7 +129,7 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     for name, value in values.items():
         if name not in known:
             near = get_close_matches(name, known, 1)
-            raise ParameterError(f'{name} = {value!r} is refused: there is no such parameter'
+            raise ParameterError(f'invalid {name} = {value!r}: there is no such parameter'
                                  + (f'; is {near[0]} meant?' if near else ''))
     right = {name: converted(name, value, *known[name]) for name, value in values.items()}
     inner = {}
@@ -144,7 +144,7 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
 
 def refusal(name: str, value: Any, allowed: str) -> ParameterError:
     """Make the one error of this module: the thing, its value, what is allowed."""
-    return ParameterError(f'{name} = {value!r} is refused: allowed is {allowed}')
+    return ParameterError(f'invalid {name} = {value!r}: must be {allowed}')
 
 
 def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:

@@ -103,10 +103,10 @@ class Study:
         for (name, law), full in zip(self.vary.items(), known, strict=True):
             suited = SUITED[type(found(name)[2])]
             if law.kind not in suited:
-                raise ParameterError(f'{name}: {law.kind} is refused: allowed is '
+                raise ParameterError(f'{name}: {law.kind}: must be '
                                      + ', '.join(suited))
             if known.count(full) > 1:
-                raise ParameterError(f'{name} is refused: {full} is varied twice')
+                raise ParameterError(f'{name}: {full} is varied twice')
 
     def _values(self, name: str) -> list[Any]:
         """Return values of a parameter between which all others lie, with its type."""

@@ -63,7 +63,7 @@ def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
     if not isinstance(content, Mapping):
-        raise ParameterError(f'{path}: {content!r} is refused: allowed is {", ".join(keys)}')
+        raise ParameterError(f'{path}: {content!r}: must be a mapping of {", ".join(keys)}')
     return content
 
 
@@ -93,7 +93,7 @@ def _given_in(path: str | Path) -> Iterator[Given]:
         last = name.rsplit('/', 1)[-1]
         meant = list(NODES) if last in ('*', '**') else [last]
         if not set(meant) <= set(NODES):
-            raise ParameterError(f'{path}: {name!r} is refused: allowed is {", ".join(NODES)}')
+            raise ParameterError(f'{path}: invalid node {name!r}: must be {", ".join(NODES)}')
         try:
             given = flattened(section['ros__parameters'])
         except (KeyError, TypeError, AttributeError):

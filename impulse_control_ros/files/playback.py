@@ -62,7 +62,7 @@ def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
     """Return the log time [ns] at which to start; raises `ParameterError` for the offset."""
     first, last = min(first for first, _ in spans), max(last for _, last in spans)
     if not 0.0 <= offset <= (last - first) / SECOND:
-        raise refusal('--start-offset', offset, f'[0, {(last - first) / SECOND:g}] [s]')
+        raise refusal('--start-offset', offset, f'in [0, {(last - first) / SECOND:g}] [s]')
     return first + round(offset * SECOND)
 
 

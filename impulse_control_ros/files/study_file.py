@@ -44,7 +44,7 @@ def read_study(path: str | Path) -> Study:
         for key in content:
             if key not in KEYS:
                 near = get_close_matches(str(key), KEYS, 1) or [', '.join(KEYS)]
-                raise ParameterError(f'{key} is refused: a study has no such key; '
+                raise ParameterError(f'{key}: a study has no such key; '
                                      f'is {near[0]} meant?')
         experiment = read_experiment(experiment_file(path, content.get('experiment')))
         given = {'duration': experiment.plant_simulator.duration} | {

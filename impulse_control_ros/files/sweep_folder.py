@@ -48,7 +48,7 @@ class SweepFolder:
     def is_concluded(self) -> bool:
         """Tell whether the result is there; refuse the folder of another study."""
         if self.path.exists() and not self.path.is_dir():
-            raise ParameterError(f'{self.path} is refused: allowed is a folder')
+            raise ParameterError(f'{self.path}: must be a folder')
         if not self.result.exists():
             return False
         try:

@@ -92,11 +92,11 @@ class SimulationInterfaces:
         if wanted not in names:
             allowed = ', '.join(f'{name} ({value})' for value, name in names.items())
             return (self._results.RESULT_FEATURE_UNSUPPORTED,
-                    f'state = {wanted} is refused: allowed are {allowed}')
+                    f'state = {wanted}: must be {allowed}')
         if wanted == self._state():
             return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {self._when()}'
         if control.quitting:
-            return response.INCORRECT_TRANSITION, f'state = {wanted} is refused: {ENDING}'
+            return response.INCORRECT_TRANSITION, f'state = {wanted}: {ENDING}'
         if wanted == states.STATE_QUITTING:
             control.quit()
         else:
@@ -106,7 +106,7 @@ class SimulationInterfaces:
     def _step(self, request: Any, _: Any) -> Outcome:
         steps, failed = request.steps, self._results.RESULT_OPERATION_FAILED
         if self._plant.control.quitting:
-            return failed, f'steps = {steps} is refused: {ENDING}'
+            return failed, f'steps = {steps}: {ENDING}'
         if not self._plant.control.step(steps):
             return failed, f'steps = {steps} is refused while playing: pause first'
         return (self._results.RESULT_OK,
@@ -116,11 +116,11 @@ class SimulationInterfaces:
         plant, scope = self._plant, request.scope
         if scope not in (request.SCOPE_DEFAULT, request.SCOPE_STATE):
             return (self._results.RESULT_FEATURE_UNSUPPORTED,
-                    f'scope = {scope} is refused: allowed is SCOPE_STATE '
+                    f'scope = {scope}: must be SCOPE_STATE '
                     f'({request.SCOPE_STATE}), for time never goes back and nothing is spawned')
         if plant.control.quitting or not plant.control.reset():
             why = ENDING if plant.clock.tick >= 0 else 'there is no run yet'
-            return self._results.RESULT_INCORRECT_STATE, f'scope = {scope} is refused: {why}'
+            return self._results.RESULT_INCORRECT_STATE, f'scope = {scope}: {why}'
         start = plant.parameters
         return (self._results.RESULT_OK,
                 f'the state at {plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '

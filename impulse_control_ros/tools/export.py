@@ -38,9 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     bag, file = options.bag, options.file
     if file.suffix not in SUFFIXES:
-        return leave(f'{file} is refused: allowed are the endings {" and ".join(SUFFIXES)}', 2)
+        return leave(f'{file}: must end in {" or ".join(SUFFIXES)}', 2)
     if file.is_dir() or not file.parent.is_dir():
-        return leave(f'{file} is refused: allowed is a file in a folder that exists', 2)
+        return leave(f'{file}: must be a file in a folder that exists', 2)
     try:
         import pyarrow  # noqa: F401 (it may be missing)
 

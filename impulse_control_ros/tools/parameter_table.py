@@ -22,7 +22,7 @@ def rows(kind: type[Parameters]) -> list[str]:
         shown = (', '.join(default) if isinstance(default, tuple)
                  else str(default).lower() if isinstance(default, bool) else str(default))
         fixed = ' (fixed)' if spec.read_only else ''
-        allowed = spec.allowed(type(default)).replace('|', '\\|')
+        allowed = spec.allowed(type(default)).removeprefix('in ').replace('|', '\\|')
         lines.append(f'| `{name}` | {shown} | {spec.unit} | {allowed} | '
                      f'{spec.description}{fixed} |')
     return lines

@@ -99,11 +99,11 @@ def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     for rule in options.overrides:
         name, given, value = rule.partition(':=')
         if not given:
-            raise ParameterError(f'-p {rule} is refused: allowed is NAME:=VALUE')
+            raise ParameterError(f'-p {rule}: must be NAME:=VALUE')
         try:
             values[name] = yaml.safe_load(value)
         except yaml.YAMLError:
-            raise ParameterError(f'-p {rule} is refused: allowed is a value in YAML') from None
+            raise ParameterError(f'-p {rule}: must be a value in YAML') from None
     return values
 
 

@@ -80,10 +80,10 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 def require_end(plant: PlantParameters) -> None:
     """Raise `ParameterError` for a run that depends on the wall clock, or has no end."""
     if not plant.lockstep:
-        raise refusal('plant_simulator: lockstep', plant.lockstep,
+        raise refusal('plant_simulator.lockstep', plant.lockstep,
                       'True: without it a run depends on the wall clock')
     if not plant.duration:
-        raise refusal('plant_simulator: duration', plant.duration,
+        raise refusal('plant_simulator.duration', plant.duration,
                       '> 0 [s], e.g. with -p plant_simulator:duration:=2.0')
 
 

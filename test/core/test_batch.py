@@ -150,23 +150,23 @@ def test_a_run_that_diverges_says_so_and_leaves_the_others_alone():
 
 
 @pytest.mark.parametrize(('name', 'values', 'message'), [
-    ('K', [1.0, -1.0, -2.0], r'K\[1\] = -1.0 is refused: allowed is > 0 \[N/m\]'),
-    ('F_c', [0.0, 1.0, np.nan], r'F_c\[2\] = nan is refused: allowed is >= 0 \[N\]'),
-    ('x_0', [np.inf, 0.0, 0.0], r'x_0\[0\] = inf is refused: allowed is \[-1e\+09, 1e\+09\]'),
-    ('alpha_ratio', [0.5, 0.6, 1.0], r'alpha_ratio\[2\] = 1.0 is refused: allowed is \[0.5, 1\)'),
-    ('c', [1.0, 2.0, 1.5], r'c\[2\] = 1.5 is refused: allowed is one of 1.0, 2.0'),
-    ('damping.kind', ['noise', 'white', 'noise'], r"damping.kind\[1\] = 'white' is refused"),
-    ('damping.seed', [1, 2, -1], r'damping.seed\[2\] = -1 is refused: allowed is \[0, '),
+    ('K', [1.0, -1.0, -2.0], r'K\[1\] = -1.0: must be > 0 \[N/m\]'),
+    ('F_c', [0.0, 1.0, np.nan], r'F_c\[2\] = nan: must be >= 0 \[N\]'),
+    ('x_0', [np.inf, 0.0, 0.0], r'x_0\[0\] = inf: must be in \[-1e\+09, 1e\+09\]'),
+    ('alpha_ratio', [0.5, 0.6, 1.0], r'alpha_ratio\[2\] = 1.0: must be in \[0.5, 1\)'),
+    ('c', [1.0, 2.0, 1.5], r'c\[2\] = 1.5: must be one of 1.0, 2.0'),
+    ('damping.kind', ['noise', 'white', 'noise'], r"damping.kind\[1\] = 'white'"),
+    ('damping.seed', [1, 2, -1], r'damping.seed\[2\] = -1: must be in \[0, '),
     ('damping.lower', [0.1, 0.2, 2.0],
-     r'damping.lower\[2\] = 2.0 is refused: allowed is <= damping.upper = 1.5 \[N s/m\]'),
-    ('hold_off', [1.0, 2.0, 3.0], r'hold_off\[0\] = 1.0 is refused: allowed is an integer'),
-    ('impulses', [1, 0, 1], r'impulses\[0\] = 1 is refused: allowed is true or false'),
-    ('K', ['a', 'b', 'c'], r"K\[0\] = 'a' is refused: allowed is a number \[N/m\]"),
-    ('K', 3.0, r'K of shape \(\) is refused: allowed is \(3,\), as the others'),
-    ('K', [3.0], r'K of shape \(1,\) is refused: allowed is \(3,\), as the others'),
-    ('m', [1.0] * 3, 'm is refused: .* is plant_simulator.m or controller.m meant'),
-    ('time_step', [1e-4] * 3, 'time_step is refused: no such parameter can be varied'),
-    ('dampin.seed', [1] * 3, 'dampin.seed is refused: .* is damping.seed meant')])
+     r'damping.lower\[2\] = 2.0: must be <= damping.upper = 1.5 \[N s/m\]'),
+    ('hold_off', [1.0, 2.0, 3.0], r'hold_off\[0\] = 1.0: must be an integer'),
+    ('impulses', [1, 0, 1], r'impulses\[0\] = 1: must be true or false'),
+    ('K', ['a', 'b', 'c'], r"K\[0\] = 'a': must be a number \[N/m\]"),
+    ('K', 3.0, r'K of shape \(\): must be \(3,\), as the others'),
+    ('K', [3.0], r'K of shape \(1,\): must be \(3,\), as the others'),
+    ('m', [1.0] * 3, 'm: .* is plant_simulator.m or controller.m meant'),
+    ('time_step', [1e-4] * 3, 'time_step: no such parameter can be varied'),
+    ('dampin.seed', [1] * 3, 'dampin.seed: .* is damping.seed meant')])
 def test_what_may_not_be_varied_is_refused_in_one_line(name, values, message):
     with pytest.raises(ParameterError, match=message) as error:
         simulate_batch(AXIS, CONTROLLER, 1.0, {'d_bar': [1.5] * 3, name: values})

@@ -101,7 +101,7 @@ def test_a_controller_with_another_time_step_is_refused():
 
 
 def test_a_loop_that_diverges_says_when_and_returns_nothing():
-    with pytest.raises(DivergedError, match=r'at 0\.\d+ s position = .* allowed is < 1e\+100'):
+    with pytest.raises(DivergedError, match=r'at 0\.\d+ s position = .* both must be < 1e\+100'):
         simulate(Axis(), Controller(K=1e9, impulses=False), 1.0)
 
 

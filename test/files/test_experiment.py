@@ -30,14 +30,14 @@ def test_plant_and_controller_agree_in_every_experiment():
 
 
 @pytest.mark.parametrize(('text', 'said'), [
-    ('controller:\n  ros__parameters:\n    K: ten\n', "controller: K = 'ten'"),
+    ('controller:\n  ros__parameters:\n    K: ten\n', "controller: invalid K = 'ten'"),
     ('controller:\n  ros__parameters:\n    Kp: 1.0\n', 'Kp = 1.0'),
-    ('contoller:\n  ros__parameters:\n    K: 1.0\n', "'contoller' is refused"),
+    ('contoller:\n  ros__parameters:\n    K: 1.0\n', "'contoller'"),
     ('controller:\n  K: 1.0\n', 'controller has no ros__parameters'),
     ('controller: [\n', 'expected'),
     ('plant_simulator:\n  ros__parameters:\n    damping: {kind: wavy}\n', "kind = 'wavy'"),
     ('controller:\n  ros__parameters: {K: 1.0, K: 2.0}\n', 'K stands twice, again on line 2'),
-    ('- K\n', 'is refused: allowed is plant_simulator'),
+    ('- K\n', ': must be a mapping of plant_simulator'),
 ])
 def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
     path = tmp_path / 'wrong.yaml'
@@ -70,7 +70,8 @@ def test_what_ros_takes_is_taken(tmp_path, text):
 def test_a_controller_for_another_plant_is_refused(tmp_path, name, value):
     path = tmp_path / 'two.yaml'
     path.write_text(f'controller:\n  ros__parameters:\n    {name}: {value}\n')
-    with pytest.raises(ParameterError, match=f'controller: {name} = .* that of plant_simulator'):
+    with pytest.raises(ParameterError,
+                       match=f'controller: invalid {name} = .* that of plant_simulator'):
         read_experiment(path)
 
 

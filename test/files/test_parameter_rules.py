@@ -64,5 +64,5 @@ def test_a_wrong_rule_is_refused_by_its_text(rule):
 def test_an_error_names_all_files_and_the_parameter(files):
     with pytest.raises(ParameterError) as error:
         controller_of(*files, rules=['K:=ten'])
-    assert str(error.value) == (f"{files[0]}, {files[1]}, -p: controller: K = 'ten' is refused: "
-                                'allowed is a number [N/m]')
+    assert str(error.value) == (f"{files[0]}, {files[1]}, -p: controller: invalid K = 'ten': "
+                                'must be a number [N/m]')

@@ -22,5 +22,5 @@ def test_once_installed_it_is_the_one_in_share(monkeypatch, tmp_path):
 
 
 def test_an_unknown_experiment_is_refused_by_name():
-    with pytest.raises(ParameterError, match="experiment = .*'bounce'.* is refused"):
+    with pytest.raises(ParameterError, match="experiment = .*'bounce'.*"):
         shipped.shipped_experiment('bounce')

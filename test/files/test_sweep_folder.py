@@ -104,7 +104,7 @@ def test_a_result_that_is_none_is_refused(folder):
 
 def test_a_file_where_the_folder_should_be_is_refused(tmp_path):
     (tmp_path / 'out').write_text('mine')
-    with pytest.raises(ParameterError, match='out is refused: allowed is a folder'):
+    with pytest.raises(ParameterError, match='out: must be a folder'):
         SweepFolder(tmp_path / 'out', '{}', UNITS).is_concluded()
 
 

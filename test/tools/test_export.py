@@ -59,8 +59,8 @@ def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
 
 
 @pytest.mark.parametrize(('bag', 'file', 'said'), [
-    ('left', 'run.xlsx', 'run.xlsx is refused: allowed are the endings .parquet and .csv'),
-    ('left', 'none/run.csv', 'none/run.csv is refused: allowed is a file in a folder that exists'),
+    ('left', 'run.xlsx', 'run.xlsx: must end in .parquet or .csv'),
+    ('left', 'none/run.csv', 'none/run.csv: must be a file in a folder that exists'),
     ('nothing', 'run.csv', "nothing' does not exist"),
     ('broken.mcap', 'run.csv', 'broken.mcap: '),
     ('empty', 'run.csv', "empty' has no samples"),
@@ -81,7 +81,7 @@ def test_a_file_that_cannot_be_written_is_named(export, recorded, tmp_path):
     (tmp_path / 'run.csv').mkdir()
     process = export(recorded / 'left', tmp_path / 'run.csv')
     assert process.wait() == 2
-    assert 'run.csv is refused: allowed is a file' in process.output
+    assert 'run.csv: must be a file' in process.output
     process = export(recorded / 'left', '/proc/run.csv')
     assert process.wait() == 1
     assert process.output.startswith('export_bag: /proc/run.csv: ')

@@ -15,6 +15,7 @@ from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.replay import main
 from test.conftest import CONFIG
 from test.files.test_bag import QOS
+from test.nodes.runs import stamp_of, STEP
 from test.tools.bags import recorded as simulated
 from test.tools.test_analyze import BAD
 
@@ -91,18 +92,20 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     controller = graph.start('controller', config=config)
     client.spin_until(lambda: client.node.count_publishers('/joint_states'), 'the plant')
     recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
-    client.spin_until(lambda: len(commands) > 10, 'commands')
+    go_on(client, commands)
     for node, values in (('controller', {'K': 12.0, 'D': 0.7}), ('plant_simulator', {'F_c': 0.3}),
                          ('controller', {'x_r': 0.2}), ('plant_simulator', {'m': 0.12}),
                          ('controller', {'alpha_ratio': 0.7, 'effort_limit': 300.0}),
                          ('plant_simulator', {'x_0': 0.4, 'damping.upper': 1.0})):
         assert client.set(node, **values).successful
     assert client.call('/plant_simulator/reset', Trigger, once=True).success
+    go_on(client, commands)  # so that all of it acts
     controller.kill()
     first = author_of(commands[-1])
     controller = graph.start('controller', '--ros-args', '--params-file', config, '-p',
                              'd_bar:=1.25')
     client.spin_until(lambda: author_of(commands[-1]) != first, 'the other controller')
+    go_on(client, commands)
     assert client.set('controller', x_r=-0.1).successful
     assert client.set('plant_simulator', F_c=1.5, real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
@@ -118,6 +121,13 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
         status, said = replay(bag, how)
         assert status == 0, said
         assert ' 20001 compared, 0 differ' in said or run.receipt['missing'] != '0'
+
+
+def go_on(client, commands):
+    """Wait until the run has made some samples."""
+    client.spin_until(lambda: commands, 'commands')
+    until = stamp_of(commands[-1]) + 10 * STEP
+    client.spin_until(lambda: stamp_of(commands[-1]) > until, 'samples')
 
 
 def author_of(command):
@@ -168,11 +178,11 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
     bare.write([])
     bare.close()
     for arguments, said in (
-            ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0 is refused: allowed is > 0'),
+            ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0: must be > 0'),
             ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
-            ((bag, '--controller', '-p', 'K'), 'allowed is NAME:=VALUE'),
-            ((bag, '--controller', '-p', 'K:=['), 'allowed is a value in YAML'),
-            ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001 is refused'),
+            ((bag, '--controller', '-p', 'K'), 'must be NAME:=VALUE'),
+            ((bag, '--controller', '-p', 'K:=['), 'must be a value in YAML'),
+            ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001'),
             ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
             ((free, '--closed-loop'), 'lockstep: false'),
             ((tmp_path / 'bare', '--closed-loop'), 'no node of it has the parameters of a plant'),

@@ -84,14 +84,14 @@ def test_what_cannot_be_renewed_is_refused_in_one_line(place, capsys):
         return said
     study = place / 'studies' / 'robustness_delay.yaml'
     study.write_text(tiny('robustness_delay', K_i={'values': [12.0]}))
-    assert 'allowed are a disturbance and two values of F_c, controller.impulses, K_i' in refused()
+    assert 'must be a disturbance and two values of F_c, controller.impulses, K_i' in refused()
     study.rename(place / 'studies' / 'robustness_new.yaml')
     study = place / 'studies' / 'robustness_new.yaml'
     study.write_text(tiny('robustness_delay'))
     shutil.rmtree(place / 'runs', ignore_errors=True)
     assert 'the page has no <!-- robustness_new -->' in refused()
     (place / 'docs' / 'robustness.md').unlink()
-    assert 'allowed is a folder with robustness.md' in refused()
+    assert 'must be a folder with robustness.md' in refused()
 
 
 def test_the_pid_of_all_studies_is_the_best_of_the_tuning(tmp_path):

@@ -208,8 +208,8 @@ def test_another_study_is_kept_out_of_the_folder(desk, finished):
 
 
 @pytest.mark.parametrize(('old', 'new', 'said'), [
-    ('F_c:', 'F_d:', 'F_d is refused: no such parameter can be varied; is F_c meant?'),
-    ('runs: 50', 'runs: -1', 'runs = -1 is refused: allowed is [1, 1e+09]'),
+    ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
+    ('runs: 50', 'runs: -1', 'invalid runs = -1: must be in [1, 1e+09]'),
 ])
 def test_a_wrong_study_ends_with_one_line_and_leaves_nothing(desk, old, new, said):
     study = desk.study(SHORT.replace(old, new))

@@ -65,7 +65,7 @@ def require_writable(name: str, path: Path | None, suffixes: tuple[str, ...], pa
     if path is None:
         return
     if path.suffix not in suffixes:
-        raise UsageError(f'--{name} {path}: allowed is a name that ends in '
+        raise UsageError(f'--{name} {path}: must end in '
                          f'{" or ".join(suffixes)}')
     if path.is_dir() or not path.parent.is_dir():
         raise UsageError(f'--{name} {path}: '

@@ -59,7 +59,7 @@ def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
     """Run what is left of the studies, and write the page and its pictures."""
     path = docs / 'robustness.md'
     if not path.is_file():
-        raise ParameterError(f'{docs} is refused: allowed is a folder with robustness.md')
+        raise ParameterError(f'{docs}: must be a folder with robustness.md')
     page = path.read_text()
     for file in sorted(studies.glob('robustness_*.yaml')):
         name, study = file.stem, read_study(file)

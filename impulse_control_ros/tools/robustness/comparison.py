@@ -51,7 +51,7 @@ def compared(study: Study, column: Column) -> Comparison:
     (disturbance, levels), *others = study.axes.items()
     expected = {name: size for name, size in AXES.items() if name != disturbance}
     if {name: len(values) for name, values in others if len(values) > 1} != expected:
-        raise ParameterError(f'the axes {", ".join(study.axes)} are refused: allowed are a '
+        raise ParameterError(f'invalid axes {", ".join(study.axes)}: must be a '
                              f'disturbance and two values of {", ".join(expected)}')
     shape = (len(levels), *expected.values(), study.extent.runs)
     frictions = tuple(study.axes['F_c']) if 'F_c' in expected else ()

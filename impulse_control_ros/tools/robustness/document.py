@@ -21,7 +21,7 @@ def renewed(page: str, name: str, lines: Sequence[str]) -> str:
     """Return the page with ``lines`` between the markers of the study ``name``."""
     block = re.compile(f'(<!-- {name} -->\n).*?(<!-- end -->)', re.DOTALL)
     if not block.search(page):
-        raise ParameterError(f'{name} is refused: the page has no <!-- {name} --> for it')
+        raise ParameterError(f'{name}: the page has no <!-- {name} --> for it')
     body = '\n'.join(['', *lines, '', ''])
     return block.sub(lambda found: found[1] + body + found[2], page)
 
