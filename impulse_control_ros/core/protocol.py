@@ -14,9 +14,8 @@ run_parameters (node)  run:NNNNNNNN NODE             NODE: plant name or control
 =====================  ============================  ===========================================
 
 NNNNNNNN: 8 random hexadecimal digits, new at each start of a plant. E: the episode, 0 at the
-start and incremented at each reset. An id is a node's full name, ``#`` and 4 random hexadecimal
-digits, new at each start. Any other frame_id belongs to a foreign peer: a robot driver or a
-third-party controller.
+start and incremented at each reset. An id is a node's full name, ``#`` and 4 random digits, new
+at each start. Any other frame_id belongs to a foreign peer, such as a robot driver.
 
 1. The plant selects the active controller. While its states name none, every controller may
    answer. The author of the first command with the right stamp becomes active and is named from
@@ -154,8 +153,7 @@ def judge_command(active: StateHeader, sender: CommandHeader, is_due: bool
     """
     Decide on a command while the plant's states have the header ``active``.
 
-    ``is_due`` tells whether its stamp is the expected one. Returns the header of the next state
-    and the verdict.
+    ``is_due``: its stamp is the expected one. Returns the next state's header and the verdict.
     """
     ours = sender.run == active.run and sender.episode == active.episode
     if not ours and sender.author != FOREIGN:
@@ -185,8 +183,7 @@ def step_limit(reached: Iterable[int], since: int) -> int:
 
     ``reached`` has the last complete tick of each recorder. All must have ``since``, the tick at
     which the last recorder joined or the last controller became active: new endpoints may not be
-    matched yet. If the active controller is silent for command_timeout meanwhile, the plant takes
-    the present tick as reached, because the missing messages will not arrive.
+    matched yet.
     """
     slowest = min(reached, default=ENDLESS)
     return slowest + WINDOW if slowest >= since else 0
@@ -208,10 +205,9 @@ class Reply(Enum):
 
 class Answered(NamedTuple):
     """
-    The last state a controller answered: run, episode and stamp [ns].
+    The last state a controller answered: run (None before the first), episode and stamp [ns].
 
-    ``run`` is None before the first state. ``stamp`` is 0 if the next answer starts with an empty
-    memory.
+    ``stamp`` is 0 if the next answer starts with an empty memory.
     """
 
     run: str | None = None
