@@ -58,7 +58,6 @@ class SampleJoiner:
         is_free = bool(plant.run) and not plant.lockstep
         self._answers = {COMMANDS: AnswerQueue(plant.run, is_free),
                          EVENTS: AnswerQueue(plant.run, is_free)}
-        self._commanded = False  # whether a command has arrived
         self._unstamped = UnstampedQueue()
         self._loose: list[Entry] = []  # belongs to a state without answering it
         self._done = 0  # stamp of the last released state
@@ -78,8 +77,6 @@ class SampleJoiner:
                 self._loose.append((stamp, channel, raw))
             elif why_not:
                 self.counts[why_not] += 1
-            self._commanded = self._commanded or (
-                channel == COMMANDS and why_not in ('', 'loose'))
         elif channel != PARAMETERS:
             self._unstamped.add(time, channel, raw)
         else:
@@ -111,7 +108,7 @@ class SampleJoiner:
     @property
     def begun(self) -> bool:
         """Whether a state and a command have arrived."""
-        return bool(self._done or (self._states and self._commanded))
+        return bool(self._done or (self._states and self._answers[COMMANDS].begun))
 
     @property
     def in_flight(self) -> bool:

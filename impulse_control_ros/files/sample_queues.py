@@ -44,11 +44,12 @@ class AnswerQueue:
     """
     The commands or the events of a run that wait for their states.
 
-    ``waiting`` has them by their stamps [ns]. A plant of ours that does not wait, ``is_free``,
-    takes those of foreign peers with any stamp.
+    ``waiting`` has them by their stamps [ns]; ``begun`` tells whether one has arrived. A
+    free-running plant of ours, ``is_free``, takes those of foreign peers with any stamp.
     """
 
     def __init__(self, run: str, is_free: bool) -> None:
+        self.begun = False
         self._run, self._is_free = run, is_free
         self.waiting: dict[int, list[Answer]] = {}
         self._latest: dict[str, int] = {}  # stamp by author
@@ -66,13 +67,14 @@ class AnswerQueue:
         if sender.run != self._run and author != FOREIGN:
             return 'foreign', 0
         if author == FOREIGN and self._is_free:
+            self.begun = True
             return 'loose', stamp
         if not stamp:
             return 'unstamped', self._latest.get(author, done)
         found = self.waiting.get(stamp)
         if stamp <= done or (found and any(one.author == author for one in found)):
             return 'repeated', stamp
-        answer = Answer(author, sender.guard, raw)
+        answer, self.begun = Answer(author, sender.guard, raw), True
         if found is None:
             self.waiting[stamp] = [answer]
         else:
