@@ -32,7 +32,7 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
     if not run.source.run:
         return
     if not states['is_reset'][0]:
-        yield (f'the bag begins in mid-run, at {states["stamp"][0] / SECOND:.9f} s; the '
+        yield (f'the bag begins in mid-run, at {seconds(states["stamp"][0])} s; the '
                'controller may already have been active')
     step = next(filter(None, (change.values.get('time_step') for change in changes)), 0.0)
     if isinstance(step, float) and step * SECOND >= 1.0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from impulse_control_ros.core.parameter import build, ParameterError, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
-from impulse_control_ros.core.tick import nanoseconds
+from impulse_control_ros.core.tick import nanoseconds, seconds
 from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import (
     ControllerParameters,
@@ -162,7 +162,7 @@ def closed_loop(recording: Recording) -> Rerun:
     if not first.lockstep:
         raise BagError('the run was free (lockstep: false): it depended on the wall clock')
     if recorded['stamp'][0] not in {change.stamp for change in recording.plant if change.anew}:
-        raise BagError(f'the bag begins in mid-run, at {recorded["stamp"][0] / 1e9:.9f} s')
+        raise BagError(f'the bag begins in mid-run, at {seconds(recorded["stamp"][0])} s')
     ticks = (recorded['stamp'] - recorded['stamp'][0]) // step
     stamps = recorded['stamp'][0] + step * np.arange(ticks[-1] + 1)
     is_reset = np.zeros(len(stamps), bool)
