@@ -71,7 +71,7 @@ class SampleJoiner:
             self._add_state(raw, time)
         elif channel in self._answers:
             why_not, stamp = self._answers[channel].add(raw, self._done)
-            if why_not == 'loose':
+            if why_not == 'other_clock':
                 self._unstamped.add(time, channel, raw)
             elif why_not == 'unstamped':  # goes behind the last one with a stamp
                 self._loose.append((stamp, channel, raw))

@@ -60,7 +60,7 @@ class AnswerQueue:
         Take a message; states up to the stamp ``done`` have been released.
 
         Returns why it is not kept ('' if it is) and its stamp, or its author's latest stamp if it
-        has none. It is 'loose' if its stamp is none of a state.
+        has none. It is of an 'other_clock' if its stamp is not that of a state.
         """
         sender, stamp = self._read(raw)
         author = sender.author
@@ -68,7 +68,7 @@ class AnswerQueue:
             return 'foreign', 0
         if author == FOREIGN and self._is_free:
             self.begun = True
-            return 'loose', stamp
+            return 'other_clock', stamp
         if not stamp:
             return 'unstamped', self._latest.get(author, done)
         found = self.waiting.get(stamp)

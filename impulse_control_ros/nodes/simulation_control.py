@@ -49,9 +49,9 @@ class SimulationControl:
     def take_step(self) -> bool:
         """Claim the next sample; False while a pause or the real time factor holds it."""
         pacer, tick = self._plant.pacer, self._plant.clock.tick
+        if self.holds:
+            return False
         if self.paused:
-            if not self._steps_left:
-                return False
             self._steps_left -= 1
         elif pacer.wall_step:
             now = monotonic()
