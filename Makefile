@@ -35,6 +35,7 @@ bench: $(VENV)/.installed
 
 check: $(VENV)/.installed
 	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
 	$(RUN)/mypy
 
 clean:

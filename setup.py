@@ -29,8 +29,17 @@ setup(
         (f'share/{PACKAGE}/studies', sorted(glob('studies/*.yaml'))),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'numpy', 'numba>=0.61', 'mcap>=1.2', 'mcap-ros2-support',
-                      'lz4', 'zstandard', 'pyyaml', 'tqdm'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'numba>=0.61',
+        'mcap>=1.2',
+        'mcap-ros2-support',
+        'lz4',
+        'zstandard',
+        'pyyaml',
+        'tqdm',
+    ],
     extras_require={
         'ros': ROS,
         'analysis': ANALYSIS,
@@ -39,12 +48,30 @@ setup(
         # what benchmarks/peers.py compares with
         'bench': ['diffrax', 'drake', 'jax', 'jaxonomy', 'pathsim', 'scipy'],
         # pytest 9 fails beside launch_testing; colcon fails with setuptools 80.
-        'test': ['pytest<9', 'pytest-xdist', 'hypothesis', 'mpmath', 'mypy', 'rosbags', 'ruff',
-                 'selenium', 'types-PyYAML', 'colcon-common-extensions', 'catkin_pkg',
-                 'setuptools<80', *ANALYSIS, *DASK, *EXAMPLES],
+        'test': [
+            'pytest<9',
+            'pytest-xdist',
+            'hypothesis',
+            'mpmath',
+            'mypy',
+            'rosbags',
+            'ruff',
+            'selenium',
+            'types-PyYAML',
+            'colcon-common-extensions',
+            'catkin_pkg',
+            'setuptools<80',
+            *ANALYSIS,
+            *DASK,
+            *EXAMPLES,
+        ],
     },
     zip_safe=True,
-    entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.{room}.entry:{name}'
-        for room, names in (('nodes', NODES), ('tools', TOOLS)) for name in names]},
+    entry_points={
+        'console_scripts': [
+            f'{name} = {PACKAGE}.{room}.entry:{name}'
+            for room, names in (('nodes', NODES), ('tools', TOOLS))
+            for name in names
+        ]
+    },
 )

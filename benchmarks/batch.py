@@ -65,17 +65,21 @@ def rows(runs: int) -> dict[str, np.ndarray]:
 
 def scalar(axis: Axis) -> Callable[[], object]:
     """Measure runs one after another, each recorded."""
+
     def measure() -> None:
         for _ in range(REPEATS):
             simulate(axis, Controller(), SECONDS)
+
     return measure
 
 
 def batch(axis: Axis, runs: int, threads: int) -> Callable[[], object]:
     """Measure a batch on so many threads."""
+
     def measure() -> None:
         numba.set_num_threads(threads)
         simulate_batch(axis, Controller(), SECONDS, rows(runs))
+
     return measure
 
 
@@ -101,12 +105,18 @@ def growth(large: int) -> list[dict[str, float]]:
     numba.set_num_threads(CORES)
     found = []
     for runs, seconds in ((large // 100, 1.0), (large // 10, 1.0), (large, 0.1), (large, 1.0)):
-        wall = timed(partial(
-            simulate_batch, PLANTS['friction_noise'], Controller(), seconds, rows(runs)))
-        found.append({
-            'runs': runs, 'steps': round(seconds * STEPS), 'wall_s': wall,
-            'ns': wall * CORES / (runs * seconds * STEPS) * 1e9,
-            'peak_rss_mb': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024})
+        wall = timed(
+            partial(simulate_batch, PLANTS['friction_noise'], Controller(), seconds, rows(runs))
+        )
+        found.append(
+            {
+                'runs': runs,
+                'steps': round(seconds * STEPS),
+                'wall_s': wall,
+                'ns': wall * CORES / (runs * seconds * STEPS) * 1e9,
+                'peak_rss_mb': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            }
+        )
     return found
 
 
@@ -125,8 +135,9 @@ def main() -> None:
     for _ in range(options.rounds):
         for name, (measure, _) in chosen.items():
             walls[name].append(timed(measure))
-    result = {name: median(walls[name]) / run_steps * 1e9
-              for name, (_, run_steps) in chosen.items()}
+    result = {
+        name: median(walls[name]) / run_steps * 1e9 for name, (_, run_steps) in chosen.items()
+    }
     large = growth(options.large)
     if options.json:
         print(json.dumps({'ns': result, 'growth': large, 'cores': CORES}, indent=2))
@@ -136,8 +147,10 @@ def main() -> None:
         print(f'{name:<26}{ns:>26.2f}{result["python_loop"] / ns:>15.1f}')
     print(f'{"runs":>8}{"steps":>8}{"wall [s]":>10}{"ns":>8}{"peak RSS [MB]":>15}')
     for line in large:
-        print(f'{line["runs"]:>8}{line["steps"]:>8}{line["wall_s"]:>10.2f}{line["ns"]:>8.2f}'
-              f'{line["peak_rss_mb"]:>15.0f}')
+        print(
+            f'{line["runs"]:>8}{line["steps"]:>8}{line["wall_s"]:>10.2f}{line["ns"]:>8.2f}'
+            f'{line["peak_rss_mb"]:>15.0f}'
+        )
 
 
 if __name__ == '__main__':

@@ -49,7 +49,16 @@ def read_case(figure: str, seconds: float) -> Case:
     experiment = read_experiment(CONFIG / FIGURES[figure])
     axis, controller = experiment.plant_simulator, experiment.controller
     return Case(
-        m=axis.m, d=axis.damping.value, F_c=axis.F_c, K=controller.K, D=controller.D,
-        x_0=axis.x_0, bounce=1.0 - 2.0 * controller.alpha_ratio,
-        kick=controller.d_bar / (2.0 * controller.m), time_step=axis.time_step,
-        seconds=seconds, axis=axis, controller=controller)
+        m=axis.m,
+        d=axis.damping.value,
+        F_c=axis.F_c,
+        K=controller.K,
+        D=controller.D,
+        x_0=axis.x_0,
+        bounce=1.0 - 2.0 * controller.alpha_ratio,
+        kick=controller.d_bar / (2.0 * controller.m),
+        time_step=axis.time_step,
+        seconds=seconds,
+        axis=axis,
+        controller=controller,
+    )

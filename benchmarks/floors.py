@@ -25,7 +25,8 @@ from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
 
 STATE = JointStateLayout('axis', 'run:0123abcd.0 /controller#01ab').encode(1, 0, 0.5, 0.0, 0.0)
 COMMAND = JointStateLayout('axis', 'run:0123abcd.0 /controller#01ab', ('effort',)).encode(
-    1, 0, 5.0)
+    1, 0, 5.0
+)
 RESEND = 0.02  # s
 NUMBER = slice(8, 12)  # the nanoseconds of the stamp, which tell a command from a repeated one
 
@@ -35,14 +36,23 @@ class End:
 
     def __init__(self, name: str, out: str, into: str, best_effort: bool, message: bytes) -> None:
         self.node = rclpy.create_node(name)
-        self._publisher = self.node.create_publisher(JointState, out, QoSProfile(
-            depth=SERIES_DEPTH))
+        self._publisher = self.node.create_publisher(
+            JointState, out, QoSProfile(depth=SERIES_DEPTH)
+        )
         self.subscription = self.node.create_subscription(
-            JointState, into, self.on_message, QoSProfile(
-                depth=SERIES_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort
-                else ReliabilityPolicy.RELIABLE), raw=True)
+            JointState,
+            into,
+            self.on_message,
+            QoSProfile(
+                depth=SERIES_DEPTH,
+                reliability=ReliabilityPolicy.BEST_EFFORT
+                if best_effort
+                else ReliabilityPolicy.RELIABLE,
+            ),
+            raw=True,
+        )
         self.publish = self._publisher.publish
-        self._head, self._tail = message[:NUMBER.start], message[NUMBER.stop:]
+        self._head, self._tail = message[: NUMBER.start], message[NUMBER.stop :]
 
     def send(self, number: bytes) -> None:
         """Publish the message with this number."""
@@ -55,8 +65,10 @@ class End:
     @property
     def matched(self) -> bool:
         """Whether the other end is there."""
-        return bool(self._publisher.get_subscription_count()
-                    and self.subscription.handle.get_publisher_count())
+        return bool(
+            self._publisher.get_subscription_count()
+            and self.subscription.handle.get_publisher_count()
+        )
 
 
 class Ping(End):

@@ -40,8 +40,12 @@ class Child:
 
     def __init__(self, *command: object) -> None:
         self._out = tempfile.TemporaryFile('w+')  # noqa: SIM115 (read once the child has ended)
-        self._popen = subprocess.Popen([str(word) for word in command], stdout=self._out,
-                                       stderr=self._out, start_new_session=True)
+        self._popen = subprocess.Popen(
+            [str(word) for word in command],
+            stdout=self._out,
+            stderr=self._out,
+            start_new_session=True,
+        )
         self.peak = 0.0
 
     def wait(self) -> str:
@@ -75,21 +79,27 @@ def node(name: str, *options: str, **parameters: object) -> Child:
 
 def composed(folder: Path, seconds: float, recorded: bool) -> Measured:
     """Measure closed_loop."""
-    options, parameters = ([], {'recorder:bag': folder / 'bag'}) if recorded else (
-        ['--no-recorder'], {})
+    options, parameters = (
+        ([], {'recorder:bag': folder / 'bag'}) if recorded else (['--no-recorder'], {})
+    )
     child = node('closed_loop', *options, **{'plant_simulator:duration': seconds}, **parameters)
     return steps_per_second(child.wait()), {'closed_loop': child.peak}
 
 
 def processes(folder: Path, seconds: float, recorded: bool) -> Measured:
     """Measure plant and controller, and a recorder beside them, as processes."""
-    parameters = {'plant_simulator': {'duration': PROCESSES * seconds,
-                                      'wait_for_recorder': str(recorded).lower()},
-                  'controller': {}}
+    parameters = {
+        'plant_simulator': {
+            'duration': PROCESSES * seconds,
+            'wait_for_recorder': str(recorded).lower(),
+        },
+        'controller': {},
+    }
     if recorded:
         parameters['recorder'] = {'bag': folder / 'bag'}
-    children = {name: node(name, cpu_core=PLACES[name], **given)
-                for name, given in parameters.items()}
+    children = {
+        name: node(name, cpu_core=PLACES[name], **given) for name, given in parameters.items()
+    }
     rate = steps_per_second(children['plant_simulator'].wait())
     for name in list(children)[1:]:
         children[name].interrupt()
@@ -98,24 +108,31 @@ def processes(folder: Path, seconds: float, recorded: bool) -> Measured:
 
 def simulate(folder: Path, seconds: float) -> Measured:
     """Measure the command that makes the same bag without ROS."""
-    child = Child(BIN / 'simulate', CONFIG, folder / 'bag', '-p',
-                  f'plant_simulator:duration:={SIMULATE * seconds}')
+    child = Child(
+        BIN / 'simulate',
+        CONFIG,
+        folder / 'bag',
+        '-p',
+        f'plant_simulator:duration:={SIMULATE * seconds}',
+    )
     return steps_per_second(child.wait()), {'simulate': child.peak}
 
 
 def composed_floor(_: Path, seconds: float) -> Measured:
     """Measure publish and take on one thread."""
-    child = Child(sys.executable, FLOORS_SCRIPT, 'composed',
-                  int(seconds * STEPS_PER_SECOND))
+    child = Child(sys.executable, FLOORS_SCRIPT, 'composed', int(seconds * STEPS_PER_SECOND))
     return float(child.wait()), {'floor': child.peak}
 
 
 def process_floor(seconds: float, as_ours: bool) -> Measured:
     """Measure two processes that send each message back, in the way of our nodes or not."""
+
     def start(role: str, like: str) -> Child:
         ours = ('--best-effort', '--udp', '--core', PLACES[like]) if as_ours else ()
-        return Child(sys.executable, FLOORS_SCRIPT, role,
-                     int(PROCESSES * seconds * STEPS_PER_SECOND), *ours)
+        return Child(
+            sys.executable, FLOORS_SCRIPT, role, int(PROCESSES * seconds * STEPS_PER_SECOND), *ours
+        )
+
     echo, ping = start('echo', 'controller'), start('ping', 'plant_simulator')
     rate = float(ping.wait())
     echo.interrupt()
@@ -132,10 +149,13 @@ CASES: dict[str, Callable[[Path, float], Measured]] = {
     'two_process': partial(processes, recorded=False),
     'three_process': partial(processes, recorded=True),
 }
-COMPARED = {'composed': ('composed_floor',), 'composed_recorded': ('composed_floor',),
-            'simulate': ('composed_recorded',),
-            'two_process': ('two_process_floor', 'best_effort_floor'),
-            'three_process': ('two_process_floor', 'best_effort_floor')}
+COMPARED = {
+    'composed': ('composed_floor',),
+    'composed_recorded': ('composed_floor',),
+    'simulate': ('composed_recorded',),
+    'two_process': ('two_process_floor', 'best_effort_floor'),
+    'three_process': ('two_process_floor', 'best_effort_floor'),
+}
 
 
 def memory_growth(long: float) -> dict[str, float]:
@@ -160,17 +180,21 @@ def measure(rounds: int, seconds: float) -> tuple[dict[str, float], dict[str, di
     return {name: median(values) for name, values in rates.items()}, peaks
 
 
-def report(rates: dict[str, float], peaks: dict[str, dict[str, float]],
-           growth: dict[str, float]) -> None:
+def report(
+    rates: dict[str, float], peaks: dict[str, dict[str, float]], growth: dict[str, float]
+) -> None:
     """Print the table."""
     print(f'{"case":<20}{"steps/s":>10}{"x real time":>13}  {"ratio to":<48}peak RSS [MB]')
     for name, rate in rates.items():
-        ratios = ', '.join(f'{other} {rate / rates[other]:.2f}'
-                           for other in COMPARED.get(name, ()))
+        ratios = ', '.join(
+            f'{other} {rate / rates[other]:.2f}' for other in COMPARED.get(name, ())
+        )
         memory = ', '.join(f'{part} {size:.0f}' for part, size in peaks[name].items())
         print(f'{name:<20}{rate:>10.0f}{rate / STEPS_PER_SECOND:>13.2f}  {ratios:<48}{memory}')
-    print('recorded runs, peak RSS [MB]: ' + ', '.join(
-        f'{seconds.replace("_", " ")}: {size:.0f}' for seconds, size in growth.items()))
+    print(
+        'recorded runs, peak RSS [MB]: '
+        + ', '.join(f'{seconds.replace("_", " ")}: {size:.0f}' for seconds, size in growth.items())
+    )
 
 
 def main() -> None:
@@ -178,10 +202,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--rounds', type=int, default=9)
-    parser.add_argument('--seconds', type=float, default=20.0,
-                        help='simulated time of the composed cases [s]')
-    parser.add_argument('--long', type=float, default=60.0,
-                        help='simulated time of the run whose memory is measured [s]')
+    parser.add_argument(
+        '--seconds', type=float, default=20.0, help='simulated time of the composed cases [s]'
+    )
+    parser.add_argument(
+        '--long',
+        type=float,
+        default=60.0,
+        help='simulated time of the run whose memory is measured [s]',
+    )
     options = parser.parse_args()
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

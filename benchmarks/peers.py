@@ -29,18 +29,38 @@ import tokenize
 FOLDER = Path(__file__).parent / 'contestants'
 EXACT = ('ours_events', 'ours_solve', 'ours_strict')  # the reference, so without an error
 SINGLE, BATCH = (*EXACT, 'ours_simulate'), ('ours_batch',)
-NAMES = (*SINGLE, 'python_loop', 'scipy_events', 'drake', 'pathsim', 'jax_scan', 'diffrax',
-         'jaxonomy', *BATCH, 'numpy_batch')
+NAMES = (
+    *SINGLE,
+    'python_loop',
+    'scipy_events',
+    'drake',
+    'pathsim',
+    'jax_scan',
+    'diffrax',
+    'jaxonomy',
+    *BATCH,
+    'numpy_batch',
+)
 SHORTEST = 0.02  # s; a round repeats a run until it takes so long, for the clock's sake
-LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
-          tokenize.ENCODING, tokenize.ENDMARKER}
+LAYOUT = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}
 
 
 def code_lines(source: str) -> int:
     """Count the lines that hold code: no blank ones, comments or docstrings."""
-    lines = {line for token in tokenize.generate_tokens(io.StringIO(source).readline)
-             if token.type not in LAYOUT
-             for line in range(token.start[0], token.end[0] + 1)}
+    lines = {
+        line
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type not in LAYOUT
+        for line in range(token.start[0], token.end[0] + 1)
+    }
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             lines -= set(range(node.lineno, node.end_lineno + 1))
@@ -73,10 +93,18 @@ def run_child(name: str, figure: str, seconds: float) -> None:
     wall, made = timed(run)
     if contestant.KIND != 'interpreted' or wall < 1.0:
         wall, made = timed(run)  # the first run has compiled and filled the caches
-    print(json.dumps({
-        'kind': contestant.KIND, 'reading': contestant.READING, 'points': len(made[0]),
-        'error': None if name in EXACT else largest_error(case, contestant.READING, *made)}),
-        file=answers, flush=True)
+    print(
+        json.dumps(
+            {
+                'kind': contestant.KIND,
+                'reading': contestant.READING,
+                'points': len(made[0]),
+                'error': None if name in EXACT else largest_error(case, contestant.READING, *made),
+            }
+        ),
+        file=answers,
+        flush=True,
+    )
     repeats = max(1, int(SHORTEST / wall))
     for _ in sys.stdin:
         wall, _ = timed(run, repeats)
@@ -97,9 +125,21 @@ class Contestant:
             return
         self._errors = tempfile.TemporaryFile('w+')  # noqa: SIM115 (read when the child fails)
         self._child = subprocess.Popen(
-            [sys.executable, __file__, '--child', name, '--case', figure, '--seconds',
-             str(seconds)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=self._errors, text=True)
+            [
+                sys.executable,
+                __file__,
+                '--child',
+                name,
+                '--case',
+                figure,
+                '--seconds',
+                str(seconds),
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+        )
         said = self._answer()
         self.row |= said or {}
 
@@ -132,8 +172,12 @@ class Contestant:
             self._child.communicate()
             self._errors.close()
         if self.walls:
-            self.row |= {'wall': median(self.walls), 'least': min(self.walls),
-                         'most': max(self.walls), 'rounds': len(self.walls)}
+            self.row |= {
+                'wall': median(self.walls),
+                'least': min(self.walls),
+                'most': max(self.walls),
+                'rounds': len(self.walls),
+            }
         return self.row
 
 
@@ -146,8 +190,11 @@ def measured(names: list[str], figure: str, options: argparse.Namespace) -> dict
     walls = {name: contestant.walls for name, contestant in contestants.items()}
     rows = {name: contestant.finish() for name, contestant in contestants.items()}
     for name, row in rows.items():
-        row['ratios'] = {ours: ratio(walls[name], walls[ours])
-                         for ours in (*SINGLE, *BATCH) if walls[name] and walls.get(ours)}
+        row['ratios'] = {
+            ours: ratio(walls[name], walls[ours])
+            for ours in (*SINGLE, *BATCH)
+            if walls[name] and walls.get(ours)
+        }
     return rows
 
 
@@ -158,8 +205,11 @@ def ratio(walls: list[float], ours: list[float]) -> float:
 
 def versions(source: str) -> dict[str, str | None]:
     """Return the versions of the packages that a contestant names, None for a missing one."""
-    named = next(ast.literal_eval(node.value) for node in ast.parse(source).body
-                 if isinstance(node, ast.Assign) and node.targets[0].id == 'PACKAGES')
+    named = next(
+        ast.literal_eval(node.value)
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign) and node.targets[0].id == 'PACKAGES'
+    )
     found: dict[str, str | None] = {}
     for name in named:
         try:
@@ -171,8 +221,11 @@ def versions(source: str) -> dict[str, str | None]:
 
 def processor() -> str:
     """Return the name of the CPU."""
-    names = [line.split(':')[1].strip() for line in Path('/proc/cpuinfo').read_text().splitlines()
-             if line.startswith('model name')]
+    names = [
+        line.split(':')[1].strip()
+        for line in Path('/proc/cpuinfo').read_text().splitlines()
+        if line.startswith('model name')
+    ]
     return names[0] if names else platform.machine()
 
 
@@ -186,10 +239,15 @@ def verdicts(rows: dict[str, dict]) -> dict[str, float]:
     for kind in ('interpreted', 'compiled', 'batch'):
         for ours in BATCH if kind == 'batch' else SINGLE:
             own = rows.get(ours, {})
-            ratios = {name: row['ratios'][ours] for name, row in rows.items()
-                      if row.get('kind') == kind and name not in BATCH and ours in row['ratios']
-                      and row['reading'] == own['reading']
-                      and (own['error'] or 0.0) <= 1.001 * row['error']}
+            ratios = {
+                name: row['ratios'][ours]
+                for name, row in rows.items()
+                if row.get('kind') == kind
+                and name not in BATCH
+                and ours in row['ratios']
+                and row['reading'] == own['reading']
+                and (own['error'] or 0.0) <= 1.001 * row['error']
+            }
             if ratios:
                 name = min(ratios, key=ratios.get)
                 found[f'{name} / {ours}'] = ratios[name]
@@ -198,19 +256,25 @@ def verdicts(rows: dict[str, dict]) -> dict[str, float]:
 
 def show(figure: str, rows: dict[str, dict]) -> None:
     """Print the table of a case."""
-    print(f'{figure:<14}{"reading":>9}{"wall [s/s]":>11}{"least":>9}{"most":>9}{"rounds":>7}'
-          f'{"error [m]":>10}{"points":>8}{"lines":>6}'
-          + ''.join(f'{"x " + ours.removeprefix("ours_"):>11}' for ours in SINGLE))
+    print(
+        f'{figure:<14}{"reading":>9}{"wall [s/s]":>11}{"least":>9}{"most":>9}{"rounds":>7}'
+        f'{"error [m]":>10}{"points":>8}{"lines":>6}'
+        + ''.join(f'{"x " + ours.removeprefix("ours_"):>11}' for ours in SINGLE)
+    )
     for name, row in rows.items():
         if 'failure' in row:
             print(f'{name:<14}{row["failure"]}')
             continue
         error = 'exact' if row['error'] is None else f'{row["error"]:.1e}'
-        print(f'{name:<14}{row["reading"]:>9}{row["wall"]:>11.1e}{row["least"]:>9.1e}'
-              f'{row["most"]:>9.1e}{row["rounds"]:>7}{error:>10}{row["points"]:>8}'
-              f'{row["lines"]:>6}' + ''.join(
-                  f'{row["ratios"][ours]:>11.3g}' if ours in row['ratios'] else ' ' * 11
-                  for ours in SINGLE))
+        print(
+            f'{name:<14}{row["reading"]:>9}{row["wall"]:>11.1e}{row["least"]:>9.1e}'
+            f'{row["most"]:>9.1e}{row["rounds"]:>7}{error:>10}{row["points"]:>8}'
+            f'{row["lines"]:>6}'
+            + ''.join(
+                f'{row["ratios"][ours]:>11.3g}' if ours in row['ratios'] else ' ' * 11
+                for ours in SINGLE
+            )
+        )
     print(*(f'{pair}: {ratio:.3g}' for pair, ratio in verdicts(rows).items()), sep='\n')
 
 
@@ -237,10 +301,20 @@ def main() -> None:
     found = {}
     for name in options.only:
         found |= versions((FOLDER / f'{name}.py').read_text())
-    print(json.dumps({
-        'cases': results, 'ratios': {figure: verdicts(rows) for figure, rows in results.items()},
-        'versions': found, 'python': platform.python_version(), 'cpu': processor(),
-        'cores': os.cpu_count(), 'seconds': options.seconds}, indent=2))
+    print(
+        json.dumps(
+            {
+                'cases': results,
+                'ratios': {figure: verdicts(rows) for figure, rows in results.items()},
+                'versions': found,
+                'python': platform.python_version(),
+                'cpu': processor(),
+                'cores': os.cpu_count(),
+                'seconds': options.seconds,
+            },
+            indent=2,
+        )
+    )
 
 
 if __name__ == '__main__':

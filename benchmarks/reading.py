@@ -49,8 +49,13 @@ def messages(run: Run) -> Iterator[tuple[int, int, bytes]]:
     for k in range(len(run.time)):
         at = stamp(k, SECOND, STEP)
         ns = SECOND + k * STEP
-        yield ns, 1, (STATE if k else FIRST).encode(
-            *at, run.position[k], run.velocity[k], run.effort[max(k - 1, 0)])
+        yield (
+            ns,
+            1,
+            (STATE if k else FIRST).encode(
+                *at, run.position[k], run.velocity[k], run.effort[max(k - 1, 0)]
+            ),
+        )
         yield ns, 2, COMMAND.encode(*at, run.effort[k])
 
 
@@ -61,12 +66,22 @@ def written(folder: Path, samples: int) -> Path:
     for name in ('/joint_states', '/joint_commands'):
         writer.add_topic(Topic(name=name, type=TYPE, qos=()))
     writer.add_topic(Topic(name='/run_parameters', type=PARAMETER_EVENT, qos=()))
-    writer.write((SECOND, 3, encode_parameter_event(
-        *divmod(SECOND, SECOND), NodeHeader(RUN, node).frame_id, parameters.flat(), {}))
-        for node, parameters in (('/plant_simulator', experiment.plant_simulator),
-                                 (CONTROLLER, experiment.controller)))
-    series = messages(simulate(
-        experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND))
+    writer.write(
+        (
+            SECOND,
+            3,
+            encode_parameter_event(
+                *divmod(SECOND, SECOND), NodeHeader(RUN, node).frame_id, parameters.flat(), {}
+            ),
+        )
+        for node, parameters in (
+            ('/plant_simulator', experiment.plant_simulator),
+            (CONTROLLER, experiment.controller),
+        )
+    )
+    series = messages(
+        simulate(experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND)
+    )
     while part := list(islice(series, 10_000)):  # what is given at once is held at once
         writer.write(part)
     writer.close()
@@ -95,14 +110,19 @@ def rate(measure: Callable[[Path], int], bag: Path) -> float:
 def analyzed(bag: Path) -> dict[str, float]:
     """Return wall time, time of the cores and peak RSS of the command on a bag."""
     began = time.perf_counter()
-    process = subprocess.Popen([Path(sys.executable).with_name('analyze'), bag],
-                               stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [Path(sys.executable).with_name('analyze'), bag], stdout=subprocess.DEVNULL
+    )
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise RuntimeError(f'analyze ends with {process.returncode}')
-    return {'messages': 2 * int(bag.name), 'wall_s': time.perf_counter() - began,
-            'cpu_s': usage.ru_utime + usage.ru_stime, 'peak_rss_mb': usage.ru_maxrss / 1024}
+    return {
+        'messages': 2 * int(bag.name),
+        'wall_s': time.perf_counter() - began,
+        'cpu_s': usage.ru_utime + usage.ru_stime,
+        'peak_rss_mb': usage.ru_maxrss / 1024,
+    }
 
 
 def main() -> None:
@@ -121,8 +141,10 @@ def main() -> None:
         for _ in range(options.rounds):
             for case, measure in cases.items():
                 rates[case].append(rate(measure, bag))
-        growth = [analyzed(written(Path(name), size))
-                  for size in (options.large // 100, options.large // 10, options.large)]
+        growth = [
+            analyzed(written(Path(name), size))
+            for size in (options.large // 100, options.large // 10, options.large)
+        ]
     result = {case: median(values) for case, values in rates.items()}
     if options.json:
         print(json.dumps({'messages_per_s': result, 'growth': growth}, indent=2))
@@ -132,8 +154,10 @@ def main() -> None:
         print(f'{case:<16}{value:>14.0f}{value / result["mcap_iterator"]:>12.1f}')
     print(f'{"messages":>12}{"analyze [s]":>14}{"of a core [s]":>15}{"peak RSS [MB]":>15}')
     for line in growth:
-        print(f'{line["messages"]:>12}{line["wall_s"]:>14.2f}{line["cpu_s"]:>15.2f}'
-              f'{line["peak_rss_mb"]:>15.0f}')
+        print(
+            f'{line["messages"]:>12}{line["wall_s"]:>14.2f}{line["cpu_s"]:>15.2f}'
+            f'{line["peak_rss_mb"]:>15.0f}'
+        )
 
 
 if __name__ == '__main__':

@@ -15,17 +15,28 @@ def generate_launch_description():
     """Return the three nodes; the end of the plant ends all."""
     config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'underdamped.yaml'])
     arguments = [
-        DeclareLaunchArgument('params_file', default_value=config,
-                              description='a ROS parameter file'),
-        DeclareLaunchArgument('bag', default_value='',
-                              description='folder to create; empty: impulse_<date and time>'),
+        DeclareLaunchArgument(
+            'params_file', default_value=config, description='a ROS parameter file'
+        ),
+        DeclareLaunchArgument(
+            'bag', default_value='', description='folder to create; empty: impulse_<date and time>'
+        ),
     ]
     params = LaunchConfiguration('params_file')
     bag = {'bag': LaunchConfiguration('bag')}
     nodes = [
-        Node(package=PACKAGE, executable=name, name=name, output='screen',
-             parameters=[params, bag] if name == 'recorder' else [params])
-        for name in ('plant_simulator', 'controller', 'recorder')]
-    done = RegisterEventHandler(OnProcessExit(
-        target_action=nodes[0], on_exit=[EmitEvent(event=Shutdown(reason='the run is over'))]))
+        Node(
+            package=PACKAGE,
+            executable=name,
+            name=name,
+            output='screen',
+            parameters=[params, bag] if name == 'recorder' else [params],
+        )
+        for name in ('plant_simulator', 'controller', 'recorder')
+    ]
+    done = RegisterEventHandler(
+        OnProcessExit(
+            target_action=nodes[0], on_exit=[EmitEvent(event=Shutdown(reason='the run is over'))]
+        )
+    )
     return LaunchDescription([*arguments, *nodes, done])

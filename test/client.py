@@ -62,6 +62,7 @@ class Client:
                 asked = time.monotonic()
                 calls.append(client.call_async(kind.Request(**request)))
             return [call for call in calls if call.done()]
+
         return self.spin_until(answered, f'response of {service}')[0].result()
 
     def tell(self, service: str, kind: type, **request: object) -> None:
@@ -72,10 +73,12 @@ class Client:
 
     def set(self, target: str, **values: object) -> SetParametersResult:
         """Set parameters of a node, all or none."""
-        parameters = [Parameter(name, value=value).to_parameter_msg()
-                      for name, value in values.items()]
-        return self.call(f'/{target}/set_parameters_atomically', SetParametersAtomically,
-                         parameters=parameters).result
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        return self.call(
+            f'/{target}/set_parameters_atomically', SetParametersAtomically, parameters=parameters
+        ).result
 
     def get(self, target: str, *names: str) -> list[object]:
         """Return parameters of a node."""
@@ -107,7 +110,9 @@ class Client:
         def matched() -> bool:
             ends = self.node.get_subscriptions_info_by_topic(topic)
             return {*heard_by} <= {end.node_name for end in ends} and (
-                made.get_subscription_count() >= len(ends))
+                made.get_subscription_count() >= len(ends)
+            )
+
         self.spin_until(matched, f'{heard_by} on {topic}')
         return made
 
@@ -121,7 +126,8 @@ class Client:
     def _on_report(self, array: DiagnosticArray) -> None:
         for status in array.status:
             self._reports[status.name] = {'message': status.message} | {
-                value.key: value.value for value in status.values}
+                value.key: value.value for value in status.values
+            }
 
     def reported(self, node: str, **values: object) -> dict[str, str]:
         """Serve until a node reports ``values`` on /diagnostics; returns all that it reports."""
@@ -130,6 +136,7 @@ class Client:
         def found() -> dict[str, str]:
             report = self.reports(node)
             return report if report.items() >= wanted.items() else {}
+
         try:
             return self.spin_until(found, f'{wanted} of {node}')
         finally:

@@ -12,8 +12,9 @@ from test.processes import BIN, busy_loops, CONFIG, Graph, Process, ROOT, wait_f
 __all__ = ['BIN', 'CONFIG', 'ROOT', 'Client', 'Graph', 'Process', 'busy_loops', 'wait_for']
 
 settings.register_profile('quick', derandomize=True, max_examples=40, deadline=None)
-settings.register_profile('thorough', max_examples=2000, deadline=None,
-                          suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    'thorough', max_examples=2000, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile('quick')
 
 
@@ -46,15 +47,38 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('recorded')
     graph = Graph(folder)
     try:
-        composed = graph.start('closed_loop', config=CONFIG / 'underdamped.yaml',
-                               **{'recorder:bag': folder / 'underdamped'})
+        composed = graph.start(
+            'closed_loop',
+            config=CONFIG / 'underdamped.yaml',
+            **{'recorder:bag': folder / 'underdamped'},
+        )
         plant, controller, recorder = (
-            graph.start(name, '--ros-args', '-r', '__ns:=/left',
-                        config=CONFIG / 'time_varying.yaml', **parameters)
+            graph.start(
+                name,
+                '--ros-args',
+                '-r',
+                '__ns:=/left',
+                config=CONFIG / 'time_varying.yaml',
+                **parameters,
+            )
             for name, parameters in (
-                ('plant_simulator', {'wait_for_recorder': True}), ('controller', {}),
-                ('recorder', {'bag': folder / 'left', 'topics': [
-                    'setpoint', 'damping', 'recorder_progress', '/clock', '/diagnostics']})))
+                ('plant_simulator', {'wait_for_recorder': True}),
+                ('controller', {}),
+                (
+                    'recorder',
+                    {
+                        'bag': folder / 'left',
+                        'topics': [
+                            'setpoint',
+                            'damping',
+                            'recorder_progress',
+                            '/clock',
+                            '/diagnostics',
+                        ],
+                    },
+                ),
+            )
+        )
         for process in (composed, plant):
             assert process.wait() == 0, process.output
         for process in (recorder, controller):

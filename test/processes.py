@@ -29,8 +29,11 @@ PR_SET_PDEATHSIG = 1
 _numbers = itertools.count(os.getpid())
 
 
-def wait_for(condition: Callable[[], object], what: str,
-             pause: Callable[[], object] = lambda: time.sleep(0.02)) -> object:
+def wait_for(
+    condition: Callable[[], object],
+    what: str,
+    pause: Callable[[], object] = lambda: time.sleep(0.02),
+) -> object:
     """Return the first true value of ``condition``; fail naming ``what`` when patience ends."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
@@ -53,8 +56,15 @@ class Process:
         self.name, self.folder, self._log = name, log.parent, log
         with log.open('wb') as out:
             self._popen = subprocess.Popen(
-                command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=env,
-                start_new_session=True, preexec_fn=die_with_parent, cwd=log.parent)
+                command,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env=env,
+                start_new_session=True,
+                preexec_fn=die_with_parent,
+                cwd=log.parent,
+            )
 
     @property
     def output(self) -> str:
@@ -153,11 +163,19 @@ class Graph:
     def env(self) -> dict[str, str]:
         return {
             **self.environment,
-            'ROS_DOMAIN_ID': str(self.domain), 'ROS_LOG_DIR': str(self.folder / 'log'),
-            'PYTHONUNBUFFERED': '1'}
+            'ROS_DOMAIN_ID': str(self.domain),
+            'ROS_LOG_DIR': str(self.folder / 'log'),
+            'PYTHONUNBUFFERED': '1',
+        }
 
-    def start(self, name: str, *arguments: object, config: Path | None = None,
-              bin_folder: Path = BIN, **parameters: object) -> Process:
+    def start(
+        self,
+        name: str,
+        *arguments: object,
+        config: Path | None = None,
+        bin_folder: Path = BIN,
+        **parameters: object,
+    ) -> Process:
         """
         Start an executable of ours, with a parameter file and ``parameters``, which count more.
 
@@ -187,8 +205,9 @@ def busy_loops(count: int) -> Iterator[None]:
     """Keep ``count`` processes busy meanwhile."""
     with ExitStack() as stack:
         for _ in range(count):
-            loop = subprocess.Popen([sys.executable, '-c', 'while True: pass'],
-                                    preexec_fn=die_with_parent)
+            loop = subprocess.Popen(
+                [sys.executable, '-c', 'while True: pass'], preexec_fn=die_with_parent
+            )
             stack.callback(loop.wait)
             stack.callback(loop.kill)
         yield

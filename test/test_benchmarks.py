@@ -10,8 +10,16 @@ from test.conftest import ROOT
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 import peers  # noqa: E402 (a script beside its own modules)
 
-CASES = {'composed_floor', 'composed', 'composed_recorded', 'simulate', 'two_process_floor',
-         'best_effort_floor', 'two_process', 'three_process'}
+CASES = {
+    'composed_floor',
+    'composed',
+    'composed_recorded',
+    'simulate',
+    'two_process_floor',
+    'best_effort_floor',
+    'two_process',
+    'three_process',
+}
 
 
 PLANTS = ('plain', 'friction', 'noise', 'friction_noise')
@@ -19,9 +27,22 @@ PLANTS = ('plain', 'friction', 'noise', 'friction_noise')
 
 def test_the_lockstep_benchmark_measures_every_case(graph):
     said = subprocess.run(
-        [sys.executable, ROOT / 'benchmarks' / 'lockstep.py', '--json', '--rounds', '1',
-         '--seconds', '2', '--long', '12'],
-        env=graph.env, check=True, capture_output=True, text=True).stdout
+        [
+            sys.executable,
+            ROOT / 'benchmarks' / 'lockstep.py',
+            '--json',
+            '--rounds',
+            '1',
+            '--seconds',
+            '2',
+            '--long',
+            '12',
+        ],
+        env=graph.env,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     result = json.loads(said)
     assert set(result) == CASES | {'peak_rss_mb', 'growth_rss_mb'}
     assert all(result[case] > 0 for case in CASES)
@@ -32,36 +53,84 @@ def test_the_lockstep_benchmark_measures_every_case(graph):
 
 def test_the_batch_benchmark_measures_every_case():
     said = subprocess.run(
-        [sys.executable, ROOT / 'benchmarks' / 'batch.py', '--json', '--rounds', '1', '--runs',
-         '32', '--large', '100'], check=True, capture_output=True, text=True).stdout
+        [
+            sys.executable,
+            ROOT / 'benchmarks' / 'batch.py',
+            '--json',
+            '--rounds',
+            '1',
+            '--runs',
+            '32',
+            '--large',
+            '100',
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     result = json.loads(said)
     assert set(result['ns']) == {'python_loop'} | {
-        f'{way}_{plant}' for way in ('scalar', 'batch_1', 'batch_all') for plant in PLANTS}
+        f'{way}_{plant}' for way in ('scalar', 'batch_1', 'batch_all') for plant in PLANTS
+    }
     assert all(ns > 0 for ns in result['ns'].values())
     assert [(line['runs'], line['steps']) for line in result['growth']] == [
-        (1, 10_000), (10, 10_000), (100, 1_000), (100, 10_000)]
+        (1, 10_000),
+        (10, 10_000),
+        (100, 1_000),
+        (100, 10_000),
+    ]
 
 
 def test_the_reading_benchmark_measures_every_case():
     said = subprocess.run(
-        [sys.executable, ROOT / 'benchmarks' / 'reading.py', '--json', '--rounds', '1',
-         '--samples', '5000', '--large', '20000'], check=True, capture_output=True,
-        text=True).stdout
+        [
+            sys.executable,
+            ROOT / 'benchmarks' / 'reading.py',
+            '--json',
+            '--rounds',
+            '1',
+            '--samples',
+            '5000',
+            '--large',
+            '20000',
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     result = json.loads(said)
     assert set(result['messages_per_s']) == {'mcap_iterator', 'read'}
     assert all(rate > 0 for rate in result['messages_per_s'].values())
     assert [line['messages'] for line in result['growth']] == [400, 4000, 40_000]
 
 
-ERRORS = {'ours_simulate': 3e-4, 'python_loop': 3e-4, 'numpy_batch': 3e-4, 'ours_batch': 3e-4,
-          'scipy_events': 1e-8}  # [m]
+ERRORS = {
+    'ours_simulate': 3e-4,
+    'python_loop': 3e-4,
+    'numpy_batch': 3e-4,
+    'ours_batch': 3e-4,
+    'scipy_events': 1e-8,
+}  # [m]
 
 
 def test_the_peers_that_are_there_are_as_accurate_as_claimed():
     said = subprocess.run(
-        [sys.executable, ROOT / 'benchmarks' / 'peers.py', '--json', '--rounds', '1',
-         '--seconds', '0.3', '--only', *peers.EXACT, *ERRORS],
-        check=True, capture_output=True, text=True).stdout
+        [
+            sys.executable,
+            ROOT / 'benchmarks' / 'peers.py',
+            '--json',
+            '--rounds',
+            '1',
+            '--seconds',
+            '0.3',
+            '--only',
+            *peers.EXACT,
+            *ERRORS,
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     result = json.loads(said)
     assert set(result['cases']) == {'fig2', 'fig5'}
     for rows in result['cases'].values():

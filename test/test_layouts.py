@@ -33,8 +33,10 @@ def summary(recorded):
 @pytest.fixture(scope='module')
 def topics(summary):
     """Return the schema of each topic, as it is without the namespace of the bag."""
-    return {channel.topic.removeprefix('/left'): summary.schemas[channel.schema_id]
-            for channel in summary.channels.values()}
+    return {
+        channel.topic.removeprefix('/left'): summary.schemas[channel.schema_id]
+        for channel in summary.channels.values()
+    }
 
 
 @pytest.fixture(scope='module')
@@ -84,13 +86,22 @@ def type_at(path, topics):
 
 def test_each_panel_has_one_place_in_the_tree():
     assert sorted(leaves(FOXGLOVE['layout'])) == sorted(PANELS)
-    assert FOXGLOVE.keys() == {'configById', 'globalVariables', 'userNodes', 'playbackConfig',
-                               'layout'}
+    assert FOXGLOVE.keys() == {
+        'configById',
+        'globalVariables',
+        'userNodes',
+        'playbackConfig',
+        'layout',
+    }
 
 
 def test_the_panels_are_of_known_types():
     assert {panel.split('!')[0] for panel in PANELS} == {
-        'Plot', 'StateTransitions', 'DiagnosticSummary', 'Parameters'}
+        'Plot',
+        'StateTransitions',
+        'DiagnosticSummary',
+        'Parameters',
+    }
 
 
 def test_each_message_path_leads_to_a_number_or_a_name(topics):
@@ -110,7 +121,8 @@ def test_the_phase_portrait_pairs_fields_of_one_topic():
     panel = PANELS['Plot!phase']
     assert panel['xAxisVal'] == 'custom'
     assert {path['value'].split('.')[0] for path in panel['paths']} == {
-        panel['xAxisPath']['value'].split('.')[0]}
+        panel['xAxisPath']['value'].split('.')[0]
+    }
 
 
 def test_the_diagnostics_panel_shows_a_topic_of_diagnostics(topics):
@@ -123,18 +135,26 @@ def test_the_diagnostics_panel_shows_a_topic_of_diagnostics(topics):
 
 def curves_of(messages, topics):
     """Return the names of the numeric curves that PlotJuggler makes of a bag."""
-    names = {f'{topic}/data' for topic, schema in topics.items()
-             if schema.name == 'std_msgs/msg/Float64'}
+    names = {
+        f'{topic}/data'
+        for topic, schema in topics.items()
+        if schema.name == 'std_msgs/msg/Float64'
+    }
     for topic, decoded in messages.items():
         kind = topics[topic].name
         for message in decoded:
             if kind == 'sensor_msgs/msg/JointState':
-                names |= {f'{topic}/{joint}/{field}'
-                          for field in ('position', 'velocity', 'effort')
-                          for joint, _ in zip(message.name, getattr(message, field), strict=False)}
+                names |= {
+                    f'{topic}/{joint}/{field}'
+                    for field in ('position', 'velocity', 'effort')
+                    for joint, _ in zip(message.name, getattr(message, field), strict=False)
+                }
             elif kind == 'diagnostic_msgs/msg/DiagnosticArray':
-                names |= {f'{topic}/{status.hardware_id}/{status.name.removeprefix("/left")}/'
-                          f'{value.key}' for status in message.status for value in status.values}
+                names |= {
+                    f'{topic}/{status.hardware_id}/{status.name.removeprefix("/left")}/{value.key}'
+                    for status in message.status
+                    for value in status.values
+                }
     return names
 
 
@@ -143,8 +163,11 @@ def test_each_curve_is_one_that_plotjuggler_makes_of_a_bag(messages, topics):
     curves = list(PLOTJUGGLER.iter('curve'))
     assert len(curves) > 10
     for curve in curves:
-        wanted = ({curve.get('curve_x'), curve.get('curve_y')} if curve.get('curve_x')
-                  else {curve.get('name')})
+        wanted = (
+            {curve.get('curve_x'), curve.get('curve_y')}
+            if curve.get('curve_x')
+            else {curve.get('name')}
+        )
         assert wanted <= known
 
 
@@ -157,8 +180,9 @@ def test_a_plot_over_another_curve_is_an_xy_plot_and_no_other():
 
 
 def test_each_splitter_has_as_many_parts_and_sizes_as_it_says():
-    assert [(widget.get('name'), widget.get('parent'))
-            for widget in PLOTJUGGLER.iter('tabbed_widget')] == [('Main Window', 'main_window')]
+    assert [
+        (widget.get('name'), widget.get('parent')) for widget in PLOTJUGGLER.iter('tabbed_widget')
+    ] == [('Main Window', 'main_window')]
     for splitter in PLOTJUGGLER.iter('DockSplitter'):
         assert splitter.get('orientation') in ('|', '-')
         assert int(splitter.get('count')) == len(splitter)

@@ -25,13 +25,18 @@ class Loop(LeafSystem):
         self.DeclareDiscreteState([-1.0])
         self.witnesses = [
             self.MakeWitnessFunction(
-                'position_zero', WitnessFunctionDirection.kCrossesZero,
+                'position_zero',
+                WitnessFunctionDirection.kCrossesZero,
                 lambda context: context.get_continuous_state_vector().GetAtIndex(0),
-                UnrestrictedUpdateEvent(self.at_position_zero)),
+                UnrestrictedUpdateEvent(self.at_position_zero),
+            ),
             self.MakeWitnessFunction(
-                'velocity_zero', WitnessFunctionDirection.kCrossesZero,
+                'velocity_zero',
+                WitnessFunctionDirection.kCrossesZero,
                 lambda context: context.get_continuous_state_vector().GetAtIndex(1),
-                UnrestrictedUpdateEvent(self.at_velocity_zero))]
+                UnrestrictedUpdateEvent(self.at_velocity_zero),
+            ),
+        ]
 
     def DoGetWitnessFunctions(self, context):  # noqa: N802 (Drake's name)
         """Name the guards."""
@@ -42,7 +47,8 @@ class Loop(LeafSystem):
         x, v = context.get_continuous_state_vector().CopyToVector()
         direction = context.get_discrete_state_vector().GetAtIndex(0)
         derivatives.get_mutable_vector().SetFromVector(
-            [v, -self.rate * v - self.stiffness * x - self.friction * direction])
+            [v, -self.rate * v - self.stiffness * x - self.friction * direction]
+        )
 
     def at_position_zero(self, context, event, state):
         """Jump at x = 0."""
@@ -58,7 +64,8 @@ class Loop(LeafSystem):
         """Set the state after a jump."""
         state.get_mutable_continuous_state().get_mutable_vector().SetFromVector([x, v])
         state.get_mutable_discrete_state().get_mutable_vector().SetAtIndex(
-            0, 1.0 if v > 0.0 else -1.0)
+            0, 1.0 if v > 0.0 else -1.0
+        )
 
 
 def prepare(case):
@@ -80,4 +87,5 @@ def prepare(case):
         simulator.AdvanceTo(case.seconds)
         kept = log.FindLog(context)
         return kept.sample_times(), kept.data()[0]
+
     return run

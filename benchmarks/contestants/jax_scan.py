@@ -18,6 +18,7 @@ def prepare(case):
         decay = jnp.exp(-d * duration / m)
         gain = (1.0 - decay) / d
         return decay, gain, m * gain, (duration - m * gain) / d
+
     decay, gain, slide, push = (float(value) for value in response(dt))
 
     def turn(x, v, force, u):
@@ -41,9 +42,15 @@ def prepare(case):
         sticks = (v == 0.0) & (jnp.abs(u) <= F_c)
         force = jnp.where(sticks, 0.0, u - F_c * direction)
         next_v = decay * v + gain * force
-        after = lax.cond((v != 0.0) & (next_v * direction <= 0.0), turn,
-                         lambda x, v, force, u: (x + slide * v + push * force, next_v),
-                         x, v, force, u)
+        after = lax.cond(
+            (v != 0.0) & (next_v * direction <= 0.0),
+            turn,
+            lambda x, v, force, u: (x + slide * v + push * force, next_v),
+            x,
+            v,
+            force,
+            u,
+        )
         return (*after, right ^ crossed, ahead, stands, crossed | turned), x
 
     @jax.jit
@@ -54,4 +61,5 @@ def prepare(case):
     def run():
         positions = trajectory(case.x_0).block_until_ready()
         return jnp.arange(case.steps + 1) * dt, positions
+
     return run

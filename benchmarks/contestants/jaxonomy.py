@@ -15,12 +15,15 @@ class Loop(LeafSystem):
         super().__init__(name='loop')
         self.case = case
         self.declare_continuous_state(
-            default_value=jnp.array([case.x_0, -case.kick * case.x_0, -1.0]), ode=self.flow)
+            default_value=jnp.array([case.x_0, -case.kick * case.x_0, -1.0]), ode=self.flow
+        )
         self.declare_continuous_state_output(name='state')
-        self.declare_zero_crossing(lambda t, state: state.continuous_state[0],
-                                   self.at_position_zero, name='position_zero')
-        self.declare_zero_crossing(lambda t, state: state.continuous_state[1],
-                                   self.at_velocity_zero, name='velocity_zero')
+        self.declare_zero_crossing(
+            lambda t, state: state.continuous_state[0], self.at_position_zero, name='position_zero'
+        )
+        self.declare_zero_crossing(
+            lambda t, state: state.continuous_state[1], self.at_velocity_zero, name='velocity_zero'
+        )
 
     def flow(self, t, state):
         """Flow in one direction."""
@@ -45,11 +48,17 @@ def prepare(case):
     loop = Loop(case)
     context = loop.create_context()
     options = SimulatorOptions(
-        ode_solver_method='dopri5', rtol=1e-8, atol=1e-10, max_major_steps=50_000,
-        buffer_length=20_000, return_context=False)
+        ode_solver_method='dopri5',
+        rtol=1e-8,
+        atol=1e-10,
+        max_major_steps=50_000,
+        buffer_length=20_000,
+        return_context=False,
+    )
     signals = {'state': loop.output_ports[0]}
 
     def run():
         results = simulate(loop, context, (0.0, case.seconds), options, recorded_signals=signals)
         return results.time, results.outputs['state'][:, 0]
+
     return run

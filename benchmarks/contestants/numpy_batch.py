@@ -17,6 +17,7 @@ def prepare(case):
         decay = np.exp(-d * duration / m)
         gain = (1.0 - decay) / d
         return decay, gain, m * gain, (duration - m * gain) / d
+
     decay, gain, slide, push = response(dt)
 
     def turn(x, v, force, u):
@@ -53,4 +54,5 @@ def prepare(case):
             if stops.size:
                 x[stops], v[stops] = turn(old_x[stops], old_v[stops], force[stops], u[stops])
         return np.arange(case.steps + 1) * dt, positions
+
     return run

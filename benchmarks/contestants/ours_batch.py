@@ -19,4 +19,5 @@ def prepare(case):
     def run():
         figures = simulate_batch(case.axis, case.controller, case.seconds, rows)
         return np.full(RUNS, case.seconds), figures['final_error']
+
     return run

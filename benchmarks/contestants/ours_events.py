@@ -9,7 +9,9 @@ KIND = 'ours'
 
 def prepare(case):
     """Return the run."""
+
     def run():
         events = solve(case.axis, case.controller, case.seconds, reading=Reading.ONE_JUMP).events
         return events['time'], events['position']
+
     return run

@@ -9,7 +9,9 @@ KIND = 'ours'
 
 def prepare(case):
     """Return the run."""
+
     def run():
         made = simulate(case.axis, case.controller, case.seconds)
         return made.time, made.position
+
     return run

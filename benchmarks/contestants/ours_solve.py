@@ -9,8 +9,10 @@ KIND = 'ours'
 
 def prepare(case):
     """Return the run."""
+
     def run():
         solution = solve(case.axis, case.controller, case.seconds, reading=Reading.ONE_JUMP)
         times, position, _ = solution.sampled(case.time_step, case.steps)
         return times, position
+
     return run

@@ -20,6 +20,7 @@ def prepare(case):
     def flow(state, u, t):
         x, v = state
         return np.array([v, -(damping * v + K * x + F_c * direction) / m])
+
     axis, scope = ODE(flow, start), Scope()
 
     def jump(x, v):
@@ -33,11 +34,20 @@ def prepare(case):
     def at_velocity_zero(t):
         x = axis.engine.state[0]
         jump(x, -case.kick * x)
+
     simulation = Simulation(
-        [axis, scope], [Connection(axis[0], scope[0])],
-        [ZeroCrossing(lambda t: axis.engine.state[0], at_position_zero, tolerance=1e-10),
-         ZeroCrossing(lambda t: axis.engine.state[1], at_velocity_zero, tolerance=1e-8)],
-        dt=1e-3, Solver=RKDP54, tolerance_lte_rel=1e-7, tolerance_lte_abs=1e-8, log=False)
+        [axis, scope],
+        [Connection(axis[0], scope[0])],
+        [
+            ZeroCrossing(lambda t: axis.engine.state[0], at_position_zero, tolerance=1e-10),
+            ZeroCrossing(lambda t: axis.engine.state[1], at_velocity_zero, tolerance=1e-8),
+        ],
+        dt=1e-3,
+        Solver=RKDP54,
+        tolerance_lte_rel=1e-7,
+        tolerance_lte_abs=1e-8,
+        log=False,
+    )
 
     def run():
         nonlocal direction
@@ -45,4 +55,5 @@ def prepare(case):
         simulation.run(case.seconds, reset=True)
         times, (positions,) = scope.read()
         return times, positions
+
     return run

@@ -16,6 +16,7 @@ def prepare(case):
         decay = math.exp(-d * duration / m)
         gain = (1.0 - decay) / d
         return decay, gain, m * gain, (duration - m * gain) / d
+
     decay, gain, slide, push = response(dt)
 
     def turn(x, v, force, u):
@@ -57,4 +58,5 @@ def prepare(case):
             else:
                 x, v = x + slide * v + push * force, ahead
         return times, positions
+
     return run

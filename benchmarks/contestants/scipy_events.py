@@ -21,6 +21,7 @@ def prepare(case):
 
     def velocity_zero(t, state, direction):
         return direction * state[1]
+
     position_zero.terminal, position_zero.direction = True, 1.0
     velocity_zero.terminal, velocity_zero.direction = True, -1.0
 
@@ -31,8 +32,16 @@ def prepare(case):
             direction = np.sign(v)
             # A zero that the arc starts at would count at once, so it has no event.
             events = [velocity_zero, position_zero] if x * direction < 0.0 else [velocity_zero]
-            arc = solve_ivp(flow, (t, case.seconds), (x, v), 'DOP853', events=events,
-                            args=(direction,), rtol=1e-7, atol=1e-9)
+            arc = solve_ivp(
+                flow,
+                (t, case.seconds),
+                (x, v),
+                'DOP853',
+                events=events,
+                args=(direction,),
+                rtol=1e-7,
+                atol=1e-9,
+            )
             times.append(arc.t[1:])
             positions.append(arc.y[0, 1:])
             t, (x, v) = arc.t[-1], arc.y[:, -1]
@@ -41,4 +50,5 @@ def prepare(case):
             elif arc.status == 1:
                 x, v = 0.0, case.bounce * v
         return np.concatenate(times), np.concatenate(positions)
+
     return run

@@ -31,8 +31,7 @@ class MujocoAxis(Node):
         mujoco.mj_resetDataKeyframe(self._model, self._data, 0)
         self._steps = round(PERIOD_NS / SECOND / self._model.opt.timestep)
         self._motors = {self._model.actuator(i).name: i for i in range(self._model.nu)}
-        self._state = JointState(
-            name=[self._model.joint(i).name for i in range(self._model.njnt)])
+        self._state = JointState(name=[self._model.joint(i).name for i in range(self._model.njnt)])
         self._stamp = time_ns()
         self._publisher = self.create_publisher(JointState, 'joint_states', 1000)
         self.create_subscription(JointState, 'joint_commands', self._on_command, 1000)

@@ -50,8 +50,16 @@ from impulse_control_ros.core.tick import nanoseconds
 DIVERGED = 1e100
 AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
-STATE = np.dtype([('tick', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
-                  ('damping', 'f8'), ('noise', 'f8')])
+STATE = np.dtype(
+    [
+        ('tick', 'i8'),
+        ('position', 'f8'),
+        ('velocity', 'f8'),
+        ('effort', 'f8'),
+        ('damping', 'f8'),
+        ('noise', 'f8'),
+    ]
+)
 REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
@@ -60,8 +68,10 @@ class DivergedError(ArithmeticError):
     """A state that reaches DIVERGED [m, m/s]; far below overflow, so commands are finite."""
 
     def __init__(self, position: float, velocity: float, seconds: str) -> None:
-        super().__init__(f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
-                         f'velocity = {velocity:.3g} m/s; both must be < {DIVERGED:g}')
+        super().__init__(
+            f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
+            f'velocity = {velocity:.3g} m/s; both must be < {DIVERGED:g}'
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +81,14 @@ class Axis(Parameters):
     m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
     F_c: float = parameter(1.0, 'N', 'Coulomb friction force', lower=0.0)
     x_0: float = parameter(
-        0.5, 'm', 'position at the start and after a reset', lower=-FAR, upper=FAR)
+        0.5, 'm', 'position at the start and after a reset', lower=-FAR, upper=FAR
+    )
     v_0: float = parameter(
-        0.0, 'm/s', 'velocity at the start and after a reset', lower=-FAR, upper=FAR)
+        0.0, 'm/s', 'velocity at the start and after a reset', lower=-FAR, upper=FAR
+    )
     time_step: float = parameter(
-        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
-        read_only=True)
+        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0, read_only=True
+    )
     damping: Damping = parameter(Damping(), '', 'damping profile d(t) (1)')
     stribeck: Stribeck = parameter(Stribeck(), '', 'friction at rest')
     sensor: Sensor = parameter(Sensor(), '', 'what is measured')
@@ -136,8 +148,10 @@ def shapes(z):
 def moved(position, velocity, acceleration, rate, duration):
     """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
     phi1, phi2 = shapes(rate * duration)
-    return (position + velocity * duration + acceleration * duration * duration * phi2,
-            velocity + acceleration * duration * phi1)
+    return (
+        position + velocity * duration + acceleration * duration * duration * phi2,
+        velocity + acceleration * duration * phi1,
+    )
 
 
 @compiled
@@ -178,8 +192,11 @@ def short_step(position, velocity, effort, damping, inverse_m, friction, duratio
         # With phi1 and phi2 at the stop, log1p in x is one series in q = -d v / (m a).
         tau = -velocity / acceleration
         q = rate * tau
-        share = 1 / 2 + q * (1 / 6 + q * (1 / 12 + q * (1 / 20 + q * (
-            1 / 30 + q * (1 / 42 + q * (1 / 56 + q * (1 / 72)))))))
+        share = 1 / 2 + q * (
+            1 / 6
+            + q
+            * (1 / 12 + q * (1 / 20 + q * (1 / 30 + q * (1 / 42 + q * (1 / 56 + q * (1 / 72))))))
+        )
         x, v = position + velocity * tau * share, 0.0
     return x, v, whole
 

@@ -50,7 +50,9 @@ from impulse_control_ros.core.rows import LEFT, run_rows
 from impulse_control_ros.core.simulate import steps_of
 
 SIDES: dict[str, type[Axis] | type[Controller]] = {
-    'plant_simulator': Axis, 'controller': Controller}
+    'plant_simulator': Axis,
+    'controller': Controller,
+}
 ARRAY_KINDS = {float: 'fiu', int: 'iu', bool: 'b', str: 'U'}
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
 TASK = 256  # runs that a thread takes at a time: milliseconds, so that Ctrl-C is heard
@@ -66,9 +68,13 @@ def damping_seeds(seed: int, runs: int) -> np.ndarray:
     return np.random.SeedSequence(seed).generate_state(runs, np.uint64) >> np.uint64(1)
 
 
-def simulate_batch(axis: Axis, controller: Controller, duration: float,
-                   varied: Mapping[str, Any], tolerances: Sequence[float] = (1e-2, 1e-3),
-                   ) -> np.ndarray:
+def simulate_batch(
+    axis: Axis,
+    controller: Controller,
+    duration: float,
+    varied: Mapping[str, Any],
+    tolerances: Sequence[float] = (1e-2, 1e-3),
+) -> np.ndarray:
     """
     Run the closed loop for ``duration`` seconds with every row of the ``varied`` parameters.
 
@@ -88,6 +94,7 @@ def simulate_batch(axis: Axis, controller: Controller, duration: float,
     def task(first: int) -> None:
         part = slice(first, first + TASK)
         figures[part] = figures_of([row[part] for row in rows], steps, wanted)
+
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         list(pool.map(task, range(0, runs, TASK)))
     return figures
@@ -100,16 +107,25 @@ def figures_of(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray) -
     sums = now['sums']
     diverged = now['bounded'] == 0.0
     last = np.where(diverged, np.nan, now['position'] - gains['x_r'])
-    figures = conclude({name: sums[name] for name in Sums._fields}, outside, now['first_error'],
-                       last, steps, axis[0]['time_step'])
+    figures = conclude(
+        {name: sums[name] for name in Sums._fields},
+        outside,
+        now['first_error'],
+        last,
+        steps,
+        axis[0]['time_step'],
+    )
     figures['diverged'] = diverged
     for name in MEASURES:
         figures[name][diverged] = np.nan
     return figures
 
 
-def ran_ideally(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray,
-                ) -> tuple[np.ndarray, np.ndarray]:
+def ran_ideally(
+    rows: Sequence[np.ndarray],
+    steps: int,
+    tolerances: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return what n runs leave, dtype LEFT, and the last ticks outside, (n, tolerances)."""
     runs = len(rows[0])
     blocks = loaded(*rows)
@@ -123,28 +139,56 @@ def ran_ideally(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray,
     return left, outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs]
 
 
-def ran_really(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray,
-               ) -> tuple[np.ndarray, np.ndarray]:
+def ran_really(
+    rows: Sequence[np.ndarray],
+    steps: int,
+    tolerances: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Do `ran_ideally` with the hardware and the care of each row."""
     axis, start, profile, gains, hardware, care = rows
     left, states = np.zeros(len(axis), LEFT), np.zeros(len(axis), STATE)
     states['position'], states['velocity'] = start.T
     outside = np.full((len(axis), len(tolerances)), -1.0)
-    run_rows(axis, profile, hardware, states, gains, care, at_rest(), fresh_memory(),
-             fresh_watch(), np.zeros(1, ANSWER), steps, tolerances, outside, left)
+    run_rows(
+        axis,
+        profile,
+        hardware,
+        states,
+        gains,
+        care,
+        at_rest(),
+        fresh_memory(),
+        fresh_watch(),
+        np.zeros(1, ANSWER),
+        steps,
+        tolerances,
+        outside,
+        left,
+    )
     return left, outside
 
 
-def row(axis: Axis, controller: Controller, varied: Mapping[str, Any], i: int,
-        ) -> tuple[Axis, Controller]:
+def row(
+    axis: Axis,
+    controller: Controller,
+    varied: Mapping[str, Any],
+    i: int,
+) -> tuple[Axis, Controller]:
     """Return the parameters of run ``i`` of a batch, as `simulate` takes them."""
-    plant, law = ({name: value.item() for name, value in side.items()} for side in columns(
-        {name: np.asarray(values)[[i]] for name, values in varied.items()}))
+    plant, law = (
+        {name: value.item() for name, value in side.items()}
+        for side in columns({name: np.asarray(values)[[i]] for name, values in varied.items()})
+    )
     return build(type(axis), axis.flat() | plant), replace(controller, **law)
 
 
-def packed_rows(axis: Axis, controller: Controller, plant: dict[str, np.ndarray],
-                law: dict[str, np.ndarray], runs: int) -> tuple[np.ndarray, ...]:
+def packed_rows(
+    axis: Axis,
+    controller: Controller,
+    plant: dict[str, np.ndarray],
+    law: dict[str, np.ndarray],
+    runs: int,
+) -> tuple[np.ndarray, ...]:
     """
     Return the kernels' view of ``runs`` rows: AXIS, start (runs, 2), DAMPING, GAINS.
 
@@ -161,31 +205,57 @@ def packed_rows(axis: Axis, controller: Controller, plant: dict[str, np.ndarray]
         axes[name] = values[name]
     start[:, 0], start[:, 1] = values['x_0'], values['v_0']
     profile = {name.removeprefix('damping.'): value for name, value in values.items()}
-    return (axes, start, packed_damping(profile, axis.time_step, runs),
-            packed_gains(controller.flat() | law, runs),
-            *real_rows(axis, controller.flat() | law, values, runs))
+    return (
+        axes,
+        start,
+        packed_damping(profile, axis.time_step, runs),
+        packed_gains(controller.flat() | law, runs),
+        *real_rows(axis, controller.flat() | law, values, runs),
+    )
 
 
-def real_rows(axis: Axis, gains: Mapping[str, Any], values: Mapping[str, Any], runs: int,
-              ) -> tuple[np.ndarray, ...]:
+def real_rows(
+    axis: Axis,
+    gains: Mapping[str, Any],
+    values: Mapping[str, Any],
+    runs: int,
+) -> tuple[np.ndarray, ...]:
     """Return the kernels' view of what is not ideal: HARDWARE, CARE; () where all rows are."""
     refuse_misfits(axis, values, runs)
-    if all(np.all(np.asarray(given[name]) == off) for given, nothing in (
-            (values, IDEAL_AXIS), (gains, PLAIN_LAW)) for name, off in nothing.items()):
+    if all(
+        np.all(np.asarray(given[name]) == off)
+        for given, nothing in ((values, IDEAL_AXIS), (gains, PLAIN_LAW))
+        for name, off in nothing.items()
+    ):
         return ()
     return packed_hardware(values, axis.time_step, runs), packed_care(gains, runs)
 
 
 def refuse_misfits(axis: Axis, values: Mapping[str, Any], runs: int) -> None:
     """Refuse the first row whose values do not fit together, as `Axis` does."""
-    m, F_c, F_s, start, end, step = (np.asarray(values[name]) for name in (
-        'm', 'F_c', 'stribeck.F_s', 'disturbance.start', 'disturbance.end', 'sensor.resolution'))
-    wrong = (m + values['payload.mass'] <= 0.0) | ((F_s > 0.0) & (F_s < F_c)) | (
-        (end > 0.0) & (end <= start)) | ((step > 0.0) & (step < LEAST_STEP))
+    m, F_c, F_s, start, end, step = (
+        np.asarray(values[name])
+        for name in (
+            'm',
+            'F_c',
+            'stribeck.F_s',
+            'disturbance.start',
+            'disturbance.end',
+            'sensor.resolution',
+        )
+    )
+    wrong = (
+        (m + values['payload.mass'] <= 0.0)
+        | ((F_s > 0.0) & (F_s < F_c))
+        | ((end > 0.0) & (end <= start))
+        | ((step > 0.0) & (step < LEAST_STEP))
+    )
     if wrong.any():
         i = int(np.argmax(np.broadcast_to(wrong, runs)))
-        build(type(axis), {name: np.broadcast_to(value, runs)[i].item()
-                           for name, value in values.items()})  # raises
+        build(
+            type(axis),
+            {name: np.broadcast_to(value, runs)[i].item() for name, value in values.items()},
+        )  # raises
 
 
 def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -200,8 +270,10 @@ def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str,
         side, inner, default, spec = found(name)
         array = np.asarray(values)
         if array.ndim != 1 or not array.size or runs not in (None, len(array)):
-            raise ParameterError(f'invalid {name} of shape {array.shape}: must be '
-                                 + (f'({runs},), as the others' if runs else '(runs,)'))
+            raise ParameterError(
+                f'invalid {name} of shape {array.shape}: must be '
+                + (f'({runs},), as the others' if runs else '(runs,)')
+            )
         runs = len(array)
         sides[side][inner] = checked(name, array, default, spec)
     if runs is None:
@@ -211,14 +283,20 @@ def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str,
 
 def found(name: str) -> tuple[str, str, Any, Spec]:
     """Return (side, name there, default, spec) of a varied parameter, or raise."""
-    known = {f'{side}.{inner}': (side, inner, default, spec) for side, kind in SIDES.items()
-             for inner, default, spec in declared(kind) if not spec.read_only}
+    known = {
+        f'{side}.{inner}': (side, inner, default, spec)
+        for side, kind in SIDES.items()
+        for inner, default, spec in declared(kind)
+        if not spec.read_only
+    }
     same = [full for full in known if full == name or full.split('.', 1)[1] == name]
     if len(same) == 1:
         return known[same[0]]
     near = same or get_close_matches(name, [*known, *(full.split('.', 1)[1] for full in known)], 1)
-    raise ParameterError(f'{name}: no such parameter can be varied'
-                         + (f'; is {" or ".join(near)} meant?' if near else ''))
+    raise ParameterError(
+        f'{name}: no such parameter can be varied'
+        + (f'; is {" or ".join(near)} meant?' if near else '')
+    )
 
 
 def checked(name: str, array: np.ndarray, default: Any, spec: Spec) -> np.ndarray:

@@ -31,8 +31,16 @@ class ClosedLoop:
         states, answers = np.zeros(count, STATE), np.zeros(count, ANSWER)
         if self._answer is not None:
             real_step(*self._axis, self.state, self._hidden, self._answer['effort'])
-        close_loop(*self._axis, self.state, self._hidden, self._memory, self._watch, *self._law,
-                   states, answers)
+        close_loop(
+            *self._axis,
+            self.state,
+            self._hidden,
+            self._memory,
+            self._watch,
+            *self._law,
+            states,
+            answers,
+        )
         self._answer = answers[-1]
         return states, answers
 
@@ -42,8 +50,9 @@ class ClosedLoop:
         return bool(abs(self.state['position'][0]) < DIVERGED > abs(self.state['velocity'][0]))
 
 
-def blocks_of(axis: Axis, controller: Controller, count: int, start_ns: int
-              ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def blocks_of(
+    axis: Axis, controller: Controller, count: int, start_ns: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """
     Yield ``count`` states, as measured, and their answers, block by block.
 

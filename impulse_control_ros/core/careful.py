@@ -58,13 +58,35 @@ from impulse_control_ros.core.impulse import (
 )
 from impulse_control_ros.core.kernel import compiled, sign
 
-CARE = np.dtype([(name, 'f8') for name in (
-    'lead_time', 'position_hysteresis', 'rearm', 'stick_samples', 'pole', 'inverse_m',
-    'integral_gain', 'estimates')])
-WATCH = np.dtype([(name, 'f8') for name in (
-    'seen', 'position', 'velocity', 'kick', 'unarmed', 'stood', 'integral')])
-OFF = {'lead': 0.0, 'position_hysteresis': 0.0, 'velocity_hysteresis': 0.0, 'stick_samples': 1,
-       'K_i': 0.0, 'velocity_source': 'measured'}
+CARE = np.dtype(
+    [
+        (name, 'f8')
+        for name in (
+            'lead_time',
+            'position_hysteresis',
+            'rearm',
+            'stick_samples',
+            'pole',
+            'inverse_m',
+            'integral_gain',
+            'estimates',
+        )
+    ]
+)
+WATCH = np.dtype(
+    [
+        (name, 'f8')
+        for name in ('seen', 'position', 'velocity', 'kick', 'unarmed', 'stood', 'integral')
+    ]
+)
+OFF = {
+    'lead': 0.0,
+    'position_hysteresis': 0.0,
+    'velocity_hysteresis': 0.0,
+    'stick_samples': 1,
+    'K_i': 0.0,
+    'velocity_source': 'measured',
+}
 OPTIONS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become denormal
 
@@ -106,8 +128,9 @@ def estimated(watch, gains, care, position):
     if watch.seen == 0.0:
         return 0.0
     difference = (position - watch.position) * gains.sample_rate
-    velocity = (care.pole * (watch.velocity + watch.kick * care.inverse_m)
-                + (1.0 - care.pole) * difference)
+    velocity = (
+        care.pole * (watch.velocity + watch.kick * care.inverse_m) + (1.0 - care.pole) * difference
+    )
     return velocity if abs(velocity) > STILL else 0.0
 
 
@@ -148,8 +171,16 @@ def control_carefully(memory, watch, gains, care, position, velocity, answer):
     Those, ``gains`` and ``care`` are arrays of shape (1,), the form that the controller node has.
     """
     law, wary, old, seen, told = unpacked(gains[0]), care[0], memory[0], watch[0], answer[0]
-    before = Memory(old.started, old.position, old.side, old.direction, old.x_r, old.pending,
-                    old.pulsed, old.hold)
+    before = Memory(
+        old.started,
+        old.position,
+        old.side,
+        old.direction,
+        old.x_r,
+        old.pending,
+        old.pulsed,
+        old.hold,
+    )
     if wary.estimates != 0.0 or np.isnan(velocity):
         velocity = estimated(seen, law, wary, position)
     error, ahead = position - law.x_r, position + wary.lead_time * velocity

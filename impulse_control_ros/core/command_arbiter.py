@@ -29,7 +29,8 @@ class CommandArbiter:
         self.header = StateHeader(run)
         self.effort, self.awaiting, self.silence = 0.0, False, Silence(now)
         self.counts = {'accepted': 0, 'late': 0} | dict.fromkeys(
-            (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0)
+            (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0
+        )
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # newest one applied, without lockstep
@@ -43,8 +44,11 @@ class CommandArbiter:
     def take(self, sender: CommandHeader, stamp: Stamp, effort: float, now: float) -> Verdict:
         """Take a command; if accepted, its ``effort`` [N] acts from now on."""
         before = self.header
-        is_due = (self.awaiting and stamp == self._stamp if self._lockstep
-                  else self._is_newest(stamp, sender))
+        is_due = (
+            self.awaiting and stamp == self._stamp
+            if self._lockstep
+            else self._is_newest(stamp, sender)
+        )
         self.header, verdict = judge_command(before, sender, is_due)
         if verdict is not Verdict.ACTS:
             self.counts[verdict.name.lower()] += 1

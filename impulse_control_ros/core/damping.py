@@ -29,8 +29,18 @@ from impulse_control_ros.core.parameter import parameter, Parameters, refusal
 KINDS = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_SEED = 2**63 - 1  # an integer parameter of ROS
-DAMPING = np.dtype([('kind', 'i8'), ('value', 'f8'), ('lower', 'f8'), ('upper', 'f8'),
-                    ('pole', 'f8'), ('gain', 'f8'), ('turn', 'f8'), ('seed', 'u8')])
+DAMPING = np.dtype(
+    [
+        ('kind', 'i8'),
+        ('value', 'f8'),
+        ('lower', 'f8'),
+        ('upper', 'f8'),
+        ('pole', 'f8'),
+        ('gain', 'f8'),
+        ('turn', 'f8'),
+        ('seed', 'u8'),
+    ]
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,24 +49,44 @@ class Damping(Parameters):
 
     kind: str = parameter('constant', '', 'how the damping varies', choices=KINDS)
     value: float = parameter(
-        0.15, 'N s/m', 'damping of the constant profile', lower=0.0, open_lower=True,
-        reference='(1)')
+        0.15,
+        'N s/m',
+        'damping of the constant profile',
+        lower=0.0,
+        open_lower=True,
+        reference='(1)',
+    )
     lower: float = parameter(
-        0.15, 'N s/m', 'least damping of a varying profile', lower=0.0, open_lower=True,
-        reference='(1)')
+        0.15,
+        'N s/m',
+        'least damping of a varying profile',
+        lower=0.0,
+        open_lower=True,
+        reference='(1)',
+    )
     upper: float = parameter(
-        1.5, 'N s/m', 'greatest damping of a varying profile', lower=0.0, open_lower=True,
-        reference='(1)')
+        1.5,
+        'N s/m',
+        'greatest damping of a varying profile',
+        lower=0.0,
+        open_lower=True,
+        reference='(1)',
+    )
     bandwidth: float = parameter(
-        5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
-        open_lower=True)
+        5.0,
+        'Hz',
+        'corner of the noise filter, frequency of the sinusoid',
+        lower=0.0,
+        open_lower=True,
+    )
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     def check(self) -> None:
         """Refuse crossed bounds."""
         if self.lower > self.upper:
-            raise refusal('damping.lower', self.lower,
-                          f'<= damping.upper = {self.upper:g} [N s/m]')
+            raise refusal(
+                'damping.lower', self.lower, f'<= damping.upper = {self.upper:g} [N s/m]'
+            )
 
     def packed(self, time_step: float) -> np.ndarray:
         """Return the kernels' view: shape (1,), dtype DAMPING."""
@@ -133,4 +163,5 @@ def damping_at(profile, noise, tick):
     elif profile.kind == SINUSOIDAL:
         wave = sine(profile.turn * tick)
     return within_bounds(
-        profile.kind, profile.value, profile.lower, profile.upper, noise, wave), noise
+        profile.kind, profile.value, profile.lower, profile.upper, noise, wave
+    ), noise

@@ -132,12 +132,23 @@ def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
     """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
     found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
     if axis is not None:
-        found += [*_on_mass(gains, axis), *_on_bound(gains, axis), *_on_friction(gains, axis),
-                  *_on_signals(gains, axis)]
+        found += [
+            *_on_mass(gains, axis),
+            *_on_bound(gains, axis),
+            *_on_friction(gains, axis),
+            *_on_signals(gains, axis),
+        ]
         if gains.time_step != axis.time_step:
-            found.append(Finding(level=Level.ERROR, text=(
-                f'time_step = {gains.time_step:g} s of the controller is not that of the axis, '
-                f'{axis.time_step:g} s')))
+            found.append(
+                Finding(
+                    level=Level.ERROR,
+                    text=(
+                        f'time_step = {gains.time_step:g} s of the controller is not that '
+                        f'of the axis, '
+                        f'{axis.time_step:g} s'
+                    ),
+                )
+            )
     return found
 
 
@@ -146,32 +157,55 @@ def _on_damping(gains: Controller) -> Iterator[Finding]:
     right = critical_damping(gains)
     if math.isclose(gains.D, right, rel_tol=1e-6, abs_tol=1e-9):
         return
-    remedy = f'D = {right:g} N s/m is' if right >= 0 else (
-        f'no D is, for d_bar alone overdamps; K = {least_stiffness(gains):g} N/m with D = 0 is')
-    yield Finding(level=Level.WARNING, text=(
-        f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
-        f'((d_bar + D)^2 != 4 m K): {remedy}'))
+    remedy = (
+        f'D = {right:g} N s/m is'
+        if right >= 0
+        else (
+            f'no D is, for d_bar alone overdamps; K = {least_stiffness(gains):g} N/m with D = 0 is'
+        )
+    )
+    yield Finding(
+        level=Level.WARNING,
+        text=(
+            f'D = {gains.D:g} N s/m is not critically damped with d_bar = {gains.d_bar:g} N s/m '
+            f'((d_bar + D)^2 != 4 m K): {remedy}'
+        ),
+    )
 
 
 def _on_integral(gains: Controller) -> Iterator[Finding]:
     """Judge K_i by Routh: m s^3 + (D + d) s^2 + K s + K_i is stable if (D + d) K > m K_i."""
     most = gains.D * gains.K / gains.m
     if gains.K_i > 0.0 and gains.K_i >= most:
-        yield Finding(level=Level.WARNING, text=(
-            f'K_i = {gains.K_i:g} N/(m s) is unstable on an axis of little damping: below '
-            f'D K / m = {most:g} N/(m s) it is stable with any'))
+        yield Finding(
+            level=Level.WARNING,
+            text=(
+                f'K_i = {gains.K_i:g} N/(m s) is unstable on an axis of little damping: below '
+                f'D K / m = {most:g} N/(m s) it is stable with any'
+            ),
+        )
 
 
 def _on_guards(gains: Controller) -> Iterator[Finding]:
     """Judge what makes the jumps other than the paper's figures show them."""
     if gains.impulses and gains.c == 1.0:
-        yield Finding(level=Level.NOTE, text=(
-            'c = 1 makes the impulse of a velocity zero twice that of (25), for c_event is 2 '
-            'there (15): c = 2 gives (25), and half of it while the axis sticks'))
+        yield Finding(
+            level=Level.NOTE,
+            text=(
+                'c = 1 makes the impulse of a velocity zero twice that of (25), for c_event is 2 '
+                'there (15): c = 2 gives (25), and half of it while the axis sticks'
+            ),
+        )
     if gains.impulses and gains.hold_off > 0:
-        yield Finding(level=Level.NOTE, text=(
-            f'hold_off = {gains.hold_off} samples allows one impulse for each position zero: the '
-            'axis bounces off e = 0 when it is long enough; hold_off = 0 brings it to rest there'))
+        yield Finding(
+            level=Level.NOTE,
+            text=(
+                f'hold_off = {gains.hold_off} samples allows one impulse for each position zero: '
+                f'the '
+                'axis bounces off e = 0 when it is long enough; hold_off = 0 brings it to rest '
+                'there'
+            ),
+        )
 
 
 def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
@@ -189,9 +223,13 @@ def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
             level, so = Level.WARNING, 'an impulse at e = 0 does not stop the axis (19)'
         elif not gains.impulses:
             so = 'D is chosen for another mass'
-        yield Finding(level=level, text=(
-            f'm = {gains.m:g} kg is not that of the {of}, {mass:g} kg: {so}; (19) holds for m '
-            f'from {0.5 * mass / gains.alpha_ratio:g} to below {mass / gains.alpha_ratio:g} kg'))
+        yield Finding(
+            level=level,
+            text=(
+                f'm = {gains.m:g} kg is not that of the {of}, {mass:g} kg: {so}; (19) holds for m '
+                f'from {0.5 * mass / gains.alpha_ratio:g} to below {mass / gains.alpha_ratio:g} kg'
+            ),
+        )
 
 
 def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
@@ -199,9 +237,13 @@ def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
     damping = axis.damping
     greatest = damping.value if damping.kind == 'constant' else damping.upper
     if greatest > gains.d_bar:
-        yield Finding(level=Level.WARNING, text=(
-            f'd_bar = {gains.d_bar:g} N s/m is no bound of the damping (1), the axis may be '
-            f'overdamped and not reach e = 0: d_bar = {greatest:g} N s/m is'))
+        yield Finding(
+            level=Level.WARNING,
+            text=(
+                f'd_bar = {gains.d_bar:g} N s/m is no bound of the damping (1), the axis may be '
+                f'overdamped and not reach e = 0: d_bar = {greatest:g} N s/m is'
+            ),
+        )
 
 
 def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
@@ -210,22 +252,38 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
     if friction == 0.0:
         return
     if 0.0 < gains.effort_limit <= friction:
-        yield Finding(level=Level.ERROR, text=(
-            f'effort_limit = {gains.effort_limit:g} N does not exceed {name} = {friction:g} N: '
-            'nothing moves a standing axis'))
+        yield Finding(
+            level=Level.ERROR,
+            text=(
+                f'effort_limit = {gains.effort_limit:g} N does not exceed {name} = {friction:g} '
+                f'N: '
+                'nothing moves a standing axis'
+            ),
+        )
     if not gains.impulses:
         if gains.K_i == 0.0:
-            yield Finding(level=Level.NOTE, text=(
-                f'impulses = false leaves the axis sticking anywhere within {name} / K = '
-                f'{dead_zone(gains, friction):g} m of x_r'))
+            yield Finding(
+                level=Level.NOTE,
+                text=(
+                    f'impulses = false leaves the axis sticking anywhere within {name} / K = '
+                    f'{dead_zone(gains, friction):g} m of x_r'
+                ),
+            )
         return
-    quiet = quiet_error(gains, friction, max(axis.m, axis.m + axis.payload.mass),
-                        axis.actuator.time_constant)
+    quiet = quiet_error(
+        gains, friction, max(axis.m, axis.m + axis.payload.mass), axis.actuator.time_constant
+    )
     if _least_error(gains, axis.sensor.resolution) < quiet:
-        yield Finding(level=Level.NOTE, text=(
-            f'position_deadband = {gains.position_deadband:g} m is below {quiet:g} m, up to which '
-            f'an impulse may not release the axis from {name} = {friction:g} N: there it stays, '
-            f'with impulses on and on; a position_deadband above {quiet:g} m ends them'))
+        yield Finding(
+            level=Level.NOTE,
+            text=(
+                f'position_deadband = {gains.position_deadband:g} m is below {quiet:g} m, up to '
+                f'which '
+                f'an impulse may not release the axis from {name} = {friction:g} N: there it '
+                f'stays, '
+                f'with impulses on and on; a position_deadband above {quiet:g} m ends them'
+            ),
+        )
 
 
 def _least_error(gains: Controller, resolution: float) -> float:
@@ -233,9 +291,11 @@ def _least_error(gains: Controller, resolution: float) -> float:
     if resolution == 0.0:
         return gains.position_deadband
     offset = math.remainder(gains.x_r, resolution)
-    return min(side * offset + resolution * (
-        math.floor((gains.position_deadband - side * offset) / resolution) + 1)
-        for side in (-1.0, 1.0))
+    return min(
+        side * offset
+        + resolution * (math.floor((gains.position_deadband - side * offset) / resolution) + 1)
+        for side in (-1.0, 1.0)
+    )
 
 
 def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
@@ -244,33 +304,64 @@ def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
         return
     sensor, actuator, most = axis.sensor, axis.actuator, axis.actuator.limit
     if most and not 0.0 < gains.effort_limit <= most:
-        yield Finding(level=Level.WARNING, text=(
-            f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the actuator, '
-            f'which cuts impulses off: effort_limit = {most:g} N keeps their area'))
+        yield Finding(
+            level=Level.WARNING,
+            text=(
+                f'effort_limit = {gains.effort_limit:g} N is above the {most:g} N of the '
+                f'actuator, '
+                f'which cuts impulses off: effort_limit = {most:g} N keeps their area'
+            ),
+        )
     step, noise = sensor.resolution, sensor.position_noise
     shown = f'one step of the encoder of {step:g} m and the position_noise of {noise:g} m'
     jump = 4.0 * math.pi * gains.velocity_bandwidth * (step + 2.0 * noise)
     estimates = gains.velocity_source == 'estimated' or sensor.velocity == 'none'
     if sensor.velocity == 'difference' and jump and not estimates:
-        yield Finding(level=Level.WARNING, text=(
-            f'a velocity by difference shows {shown} as {(step + noise) / axis.time_step:g} m/s, '
-            'and may have impulses go on at rest: velocity_source = estimated, with '
-            f'velocity_deadband above {jump:g} m/s, ends them'))
+        yield Finding(
+            level=Level.WARNING,
+            text=(
+                f'a velocity by difference shows {shown} as {(step + noise) / axis.time_step:g} '
+                f'm/s, '
+                'and may have impulses go on at rest: velocity_source = estimated, with '
+                f'velocity_deadband above {jump:g} m/s, ends them'
+            ),
+        )
     late = actuator.delay + math.ceil(3.0 * actuator.time_constant / axis.time_step)
     for name, least, unit, why in (
-            ('position_deadband', 1.5 * step + 4.0 * noise, 'm',
-             f'1.5 steps of the encoder of {step:g} m and four times the position_noise of '
-             f'{noise:g} m'),
-            ('velocity_deadband', 0.0 if estimates else 4.0 * sensor.velocity_noise, 'm/s',
-             f'four times the velocity_noise of {sensor.velocity_noise:g} m/s'),
-            ('velocity_deadband', jump if estimates else 0.0, 'm/s',
-             f'twice what {shown} make of a velocity that is estimated with '
-             f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz'),
-            ('stick_samples', late + 1 if late else 0, 'samples',
-             f'more than the actuator takes to act, its delay of {actuator.delay} samples and '
-             f'three time constants of {actuator.time_constant:g} s')):
+        (
+            'position_deadband',
+            1.5 * step + 4.0 * noise,
+            'm',
+            f'1.5 steps of the encoder of {step:g} m and four times the position_noise of '
+            f'{noise:g} m',
+        ),
+        (
+            'velocity_deadband',
+            0.0 if estimates else 4.0 * sensor.velocity_noise,
+            'm/s',
+            f'four times the velocity_noise of {sensor.velocity_noise:g} m/s',
+        ),
+        (
+            'velocity_deadband',
+            jump if estimates else 0.0,
+            'm/s',
+            f'twice what {shown} make of a velocity that is estimated with '
+            f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz',
+        ),
+        (
+            'stick_samples',
+            late + 1 if late else 0,
+            'samples',
+            f'more than the actuator takes to act, its delay of {actuator.delay} samples and '
+            f'three time constants of {actuator.time_constant:g} s',
+        ),
+    ):
         value = getattr(gains, name)
         if value < least * (1.0 - 1e-9):
-            yield Finding(level=Level.WARNING, text=(
-                f'{name} = {value:g} {unit} lets an axis at rest have impulse after impulse: '
-                f'{least:g} {unit}, {why}, ends them'))
+            yield Finding(
+                level=Level.WARNING,
+                text=(
+                    f'{name} = {value:g} {unit} lets an axis at rest have impulse after impulse: '
+                    f'{least:g} {unit}, {why}, ends them'
+                ),
+            )

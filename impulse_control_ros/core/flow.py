@@ -35,8 +35,10 @@ def series(rate, stiffness, t):
     slope, first, second = 1.0, 1.0, 0.5
     before, term = 0.0, 1.0
     for n in range(1, 11):  # constant, so that the compiler knows the reciprocals
-        before, term = term, (
-            term * (turn * (1.0 / (n + 1))) + before * (pull * (1.0 / (n * (n + 1)))))
+        before, term = (
+            term,
+            (term * (turn * (1.0 / (n + 1))) + before * (pull * (1.0 / (n * (n + 1))))),
+        )
         slope += (n + 1) * term
         first += term
         second += term * (1.0 / (n + 2))
@@ -67,8 +69,10 @@ def flow(error, velocity, direction, rate, stiffness, friction, t):
     """Return error [m] and velocity [m/s] after ``t`` [s] of motion in one direction (9)(12)."""
     cosine, h, integral = response(rate, stiffness, t)
     push = friction * direction
-    return (error * (cosine + rate * h) + velocity * h - push * integral,
-            velocity * cosine - (stiffness * error + push + rate * velocity) * h)
+    return (
+        error * (cosine + rate * h) + velocity * h - push * integral,
+        velocity * cosine - (stiffness * error + push + rate * velocity) * h,
+    )
 
 
 @numba.njit(cache=True)
@@ -83,8 +87,9 @@ def first_zero(value, slope, rate, stiffness):
     if abs(curvature) * value * value < 1e-3 * slope * slope and slope < 0.0:
         # A short time: the series of arctan, and of artanh, alike. Half the cost of what follows.
         q = curvature * (value / slope) ** 2
-        return -value / slope * (
-            1.0 - q * (1 / 3 - q * (1 / 5 - q * (1 / 7 - q * (1 / 9 - q / 11)))))
+        return (
+            -value / slope * (1.0 - q * (1 / 3 - q * (1 / 5 - q * (1 / 7 - q * (1 / 9 - q / 11)))))
+        )
     if curvature > 0.0:
         root = math.sqrt(curvature)
         return math.atan2(value * root, -slope) / root
@@ -99,8 +104,7 @@ def first_zero(value, slope, rate, stiffness):
 def crossing(error, velocity, direction, rate, stiffness, friction, upper):
     """Return the time [s] in (0, ``upper``] of e = 0, which the motion is known to cross."""
     lower = 0.0
-    t = min(first_zero(abs(error), -direction * (velocity + rate * error), rate, stiffness),
-            upper)
+    t = min(first_zero(abs(error), -direction * (velocity + rate * error), rate, stiffness), upper)
     for _ in range(100):
         e, v = flow(error, velocity, direction, rate, stiffness, friction, t)
         if direction * e < 0.0:

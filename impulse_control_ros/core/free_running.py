@@ -57,5 +57,7 @@ class StateRate:
         if abs(ratio - 1.0) <= RATE_TOLERANCE:
             return ''
         step = self.step_ns / SECOND
-        return (f'states arrive every {ratio * step:g} s on average, but time_step = {step:g} s: '
-                'time_step is wrong, or states are lost')
+        return (
+            f'states arrive every {ratio * step:g} s on average, but time_step = {step:g} s: '
+            'time_step is wrong, or states are lost'
+        )

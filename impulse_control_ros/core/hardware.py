@@ -44,15 +44,42 @@ MOST_DELAY = 1000
 LEAST_STEP = 1e-12  # m
 # Each noise counts from a place of its own in the stream of a seed; damping counts from 0.
 POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
-HARDWARE = np.dtype([
-    ('resolution', 'f8'), ('position_noise', 'f8'), ('velocity_noise', 'f8'), ('velocity', 'i8'),
-    ('sensor_seed', 'u8'), ('limit', 'f8'), ('pole', 'f8'), ('share', 'f8'), ('delay', 'i8'),
-    ('mass', 'f8'), ('mass_time', 'f8'), ('kind', 'i8'), ('force', 'f8'), ('start', 'f8'),
-    ('end', 'f8'), ('turn', 'f8'), ('force_pole', 'f8'), ('force_gain', 'f8'),
-    ('force_seed', 'u8'), ('F_s', 'f8'), ('v_s', 'f8')])
+HARDWARE = np.dtype(
+    [
+        ('resolution', 'f8'),
+        ('position_noise', 'f8'),
+        ('velocity_noise', 'f8'),
+        ('velocity', 'i8'),
+        ('sensor_seed', 'u8'),
+        ('limit', 'f8'),
+        ('pole', 'f8'),
+        ('share', 'f8'),
+        ('delay', 'i8'),
+        ('mass', 'f8'),
+        ('mass_time', 'f8'),
+        ('kind', 'i8'),
+        ('force', 'f8'),
+        ('start', 'f8'),
+        ('end', 'f8'),
+        ('turn', 'f8'),
+        ('force_pole', 'f8'),
+        ('force_gain', 'f8'),
+        ('force_seed', 'u8'),
+        ('F_s', 'f8'),
+        ('v_s', 'f8'),
+    ]
+)
 # What the hardware remembers: the measured state, the actuator's output, commands on their way.
-HIDDEN = np.dtype([('position', 'f8'), ('velocity', 'f8'), ('measured', 'f8'), ('actuator', 'f8'),
-                   ('noise', 'f8'), ('queue', 'f8', (MOST_DELAY + 1,))])
+HIDDEN = np.dtype(
+    [
+        ('position', 'f8'),
+        ('velocity', 'f8'),
+        ('measured', 'f8'),
+        ('actuator', 'f8'),
+        ('noise', 'f8'),
+        ('queue', 'f8', (MOST_DELAY + 1,)),
+    ]
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +87,21 @@ class Sensor(Parameters):
     """The encoder, and where the measured velocity comes from."""
 
     resolution: float = parameter(
-        0.0, 'm', 'step of the encoder, to which the position is rounded; 0 for none', lower=0.0)
+        0.0, 'm', 'step of the encoder, to which the position is rounded; 0 for none', lower=0.0
+    )
     position_noise: float = parameter(
-        0.0, 'm', 'standard deviation of the position before it is rounded', lower=0.0)
+        0.0, 'm', 'standard deviation of the position before it is rounded', lower=0.0
+    )
     velocity: str = parameter(
-        'ideal', '', 'measured velocity: that of the axis, the difference of the measured '
-        'positions over a sample, or none, an empty field', choices=VELOCITIES)
+        'ideal',
+        '',
+        'measured velocity: that of the axis, the difference of the measured '
+        'positions over a sample, or none, an empty field',
+        choices=VELOCITIES,
+    )
     velocity_noise: float = parameter(
-        0.0, 'm/s', 'standard deviation of the measured velocity', lower=0.0)
+        0.0, 'm/s', 'standard deviation of the measured velocity', lower=0.0
+    )
     seed: int = parameter(1, '', 'seed of both noises', lower=0, upper=MOST_SEED)
 
     def check(self) -> None:
@@ -81,11 +115,14 @@ class Actuator(Parameters):
     """The way from a command to the effort on the axis."""
 
     limit: float = parameter(
-        0.0, 'N', 'largest effort of the actuator, which clips the rest; 0 for none', lower=0.0)
+        0.0, 'N', 'largest effort of the actuator, which clips the rest; 0 for none', lower=0.0
+    )
     time_constant: float = parameter(
-        0.0, 's', 'time constant of its first-order lag; 0 for none', lower=0.0, upper=1e3)
+        0.0, 's', 'time constant of its first-order lag; 0 for none', lower=0.0, upper=1e3
+    )
     delay: int = parameter(
-        0, 'samples', 'from a command to the actuator', lower=0, upper=MOST_DELAY)
+        0, 'samples', 'from a command to the actuator', lower=0, upper=MOST_DELAY
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +130,15 @@ class Payload(Parameters):
     """A step of the moving mass."""
 
     mass: float = parameter(
-        0.0, 'kg', 'added to m; negative for a load that is put down, m + payload.mass > 0',
-        lower=-FAR, upper=FAR)
+        0.0,
+        'kg',
+        'added to m; negative for a load that is put down, m + payload.mass > 0',
+        lower=-FAR,
+        upper=FAR,
+    )
     time: float = parameter(
-        0.0, 's', 'simulated time since the start of the run from which it is added', lower=0.0)
+        0.0, 's', 'simulated time since the start of the run from which it is added', lower=0.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,55 +147,87 @@ class Disturbance(Parameters):
 
     kind: str = parameter('constant', '', 'how the disturbance varies', choices=FORCES)
     force: float = parameter(
-        0.0, 'N', 'the constant force, the amplitude of the sinusoid, the standard deviation of '
-        'the noise; 0 for none', lower=-FAR, upper=FAR)
+        0.0,
+        'N',
+        'the constant force, the amplitude of the sinusoid, the standard deviation of '
+        'the noise; 0 for none',
+        lower=-FAR,
+        upper=FAR,
+    )
     start: float = parameter(
-        0.0, 's', 'simulated time since the start of the run from which it acts', lower=0.0)
-    end: float = parameter(
-        0.0, 's', 'simulated time up to which it acts; 0 for no end', lower=0.0)
+        0.0, 's', 'simulated time since the start of the run from which it acts', lower=0.0
+    )
+    end: float = parameter(0.0, 's', 'simulated time up to which it acts; 0 for no end', lower=0.0)
     bandwidth: float = parameter(
-        5.0, 'Hz', 'corner of the noise filter, frequency of the sinusoid', lower=0.0,
-        open_lower=True)
+        5.0,
+        'Hz',
+        'corner of the noise filter, frequency of the sinusoid',
+        lower=0.0,
+        open_lower=True,
+    )
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     def check(self) -> None:
         """Refuse an end before the start."""
         if 0.0 < self.end <= self.start:
-            raise refusal('disturbance.end', self.end,
-                          f'0 or > disturbance.start = {self.start:g} [s]')
+            raise refusal(
+                'disturbance.end', self.end, f'0 or > disturbance.start = {self.start:g} [s]'
+            )
 
 
 # Values with which the axis is ideal.
 OFF: Mapping[str, Any] = {
-    'sensor.resolution': 0.0, 'sensor.position_noise': 0.0, 'sensor.velocity': 'ideal',
-    'sensor.velocity_noise': 0.0, 'actuator.limit': 0.0, 'actuator.time_constant': 0.0,
-    'actuator.delay': 0, 'payload.mass': 0.0, 'disturbance.force': 0.0, 'stribeck.F_s': 0.0}
+    'sensor.resolution': 0.0,
+    'sensor.position_noise': 0.0,
+    'sensor.velocity': 'ideal',
+    'sensor.velocity_noise': 0.0,
+    'actuator.limit': 0.0,
+    'actuator.time_constant': 0.0,
+    'actuator.delay': 0,
+    'payload.mass': 0.0,
+    'disturbance.force': 0.0,
+    'stribeck.F_s': 0.0,
+}
 
 
 def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
     """Pack values, or arrays of shape (runs,), by the names of `Axis`: dtype HARDWARE."""
     rows = np.zeros(runs, HARDWARE)
     for name, source in (
-            ('resolution', 'sensor.resolution'), ('position_noise', 'sensor.position_noise'),
-            ('velocity_noise', 'sensor.velocity_noise'), ('sensor_seed', 'sensor.seed'),
-            ('delay', 'actuator.delay'), ('mass', 'payload.mass'), ('force', 'disturbance.force'),
-            ('force_seed', 'disturbance.seed'), ('F_s', 'stribeck.F_s'), ('v_s', 'stribeck.v_s')):
+        ('resolution', 'sensor.resolution'),
+        ('position_noise', 'sensor.position_noise'),
+        ('velocity_noise', 'sensor.velocity_noise'),
+        ('sensor_seed', 'sensor.seed'),
+        ('delay', 'actuator.delay'),
+        ('mass', 'payload.mass'),
+        ('force', 'disturbance.force'),
+        ('force_seed', 'disturbance.seed'),
+        ('F_s', 'stribeck.F_s'),
+        ('v_s', 'stribeck.v_s'),
+    ):
         rows[name] = values[source]
-    for name, source in (('mass_time', 'payload.time'), ('start', 'disturbance.start'),
-                         ('end', 'disturbance.end')):
+    for name, source in (
+        ('mass_time', 'payload.time'),
+        ('start', 'disturbance.start'),
+        ('end', 'disturbance.end'),
+    ):
         rows[name] = np.round(np.asarray(values[source]) / time_step)  # in ticks
-    for name, source, kinds in (('velocity', 'sensor.velocity', VELOCITIES),
-                                ('kind', 'disturbance.kind', FORCES)):
+    for name, source, kinds in (
+        ('velocity', 'sensor.velocity', VELOCITIES),
+        ('kind', 'disturbance.kind', FORCES),
+    ):
         for index, kind in enumerate(kinds):
             rows[name][np.asarray(values[source]) == kind] = index
-    rows['limit'] = np.where(np.asarray(values['actuator.limit']) > 0.0,
-                             values['actuator.limit'], np.inf)
+    rows['limit'] = np.where(
+        np.asarray(values['actuator.limit']) > 0.0, values['actuator.limit'], np.inf
+    )
     rows['end'][rows['end'] == 0.0] = np.inf
     lag = np.broadcast_to(np.asarray(values['actuator.time_constant']) / time_step, runs)
     # math's exp, value by value: numpy's differs in the last bit from machine to machine.
     rows['pole'] = [math.exp(-1.0 / item) if item > 0.0 else 0.0 for item in lag.tolist()]
-    rows['share'] = [-math.expm1(-1.0 / item) * item if item > 0.0 else 0.0
-                     for item in lag.tolist()]
+    rows['share'] = [
+        -math.expm1(-1.0 / item) * item if item > 0.0 else 0.0 for item in lag.tolist()
+    ]
     rows['turn'] = np.asarray(values['disturbance.bandwidth']) * time_step
     rows['force_pole'] = [math.exp(-2.0 * math.pi * turn) for turn in rows['turn'].tolist()]
     rows['force_gain'] = np.sqrt(1.0 - rows['force_pole'] * rows['force_pole'])
@@ -220,8 +294,11 @@ def disturb(hardware, hidden, tick):
     shape = 1.0
     if hardware.kind == NOISE:
         fresh = white(hardware.force_seed, FORCE_NOISE + np.uint64(tick))
-        hidden.noise = fresh if np.isnan(hidden.noise) else (
-            hardware.force_pole * hidden.noise + hardware.force_gain * fresh)
+        hidden.noise = (
+            fresh
+            if np.isnan(hidden.noise)
+            else (hardware.force_pole * hidden.noise + hardware.force_gain * fresh)
+        )
         shape = hidden.noise
     elif hardware.kind == SINUSOIDAL:
         shape = sine(hardware.turn * (tick - hardware.start))

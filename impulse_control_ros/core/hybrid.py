@@ -43,10 +43,26 @@ from impulse_control_ros.core.parameter import ParameterError, refusal
 from impulse_control_ros.core.sampling import evaluate, sample
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
-ARC = np.dtype([('time', 'f8'), ('error', 'f8'), ('velocity', 'f8'), ('before', 'f8'),
-                ('damping', 'f8'), ('direction', 'f8'), ('guard', 'i8')])
-EVENT = np.dtype([('time', 'f8'), ('guard', 'i8'), ('position', 'f8'),
-                  ('velocity_before', 'f8'), ('velocity_after', 'f8')])
+ARC = np.dtype(
+    [
+        ('time', 'f8'),
+        ('error', 'f8'),
+        ('velocity', 'f8'),
+        ('before', 'f8'),
+        ('damping', 'f8'),
+        ('direction', 'f8'),
+        ('guard', 'i8'),
+    ]
+)
+EVENT = np.dtype(
+    [
+        ('time', 'f8'),
+        ('guard', 'i8'),
+        ('position', 'f8'),
+        ('velocity_before', 'f8'),
+        ('velocity_after', 'f8'),
+    ]
+)
 
 
 class Reading(Enum):
@@ -127,7 +143,7 @@ def depart(axis, gains, strict, guard, error, velocity, left):
 def longer(arcs):
     """Return ``arcs`` with room for four times as many."""
     grown = np.empty(4 * len(arcs), ARC)
-    grown[:len(arcs)] = arcs
+    grown[: len(arcs)] = arcs
     return grown
 
 
@@ -163,7 +179,8 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
         until = min(breaks[piece], duration) if piece < len(breaks) else duration
         rate = (dampings[piece] + gains.D) / (2.0 * axis.m)
         guard, elapsed, error, velocity = next_guard(
-            error, velocity, direction, rate, stiffness, friction, until - t)
+            error, velocity, direction, rate, stiffness, friction, until - t
+        )
         t = t + elapsed if elapsed < until - t else until
 
 
@@ -236,8 +253,13 @@ class Solution:
 
 
 def solve(
-    axis: Axis, controller: Controller, duration: float, *, reading: Reading = Reading.STRICT,
-    breaks: npt.ArrayLike = (), dampings: npt.ArrayLike | None = None,
+    axis: Axis,
+    controller: Controller,
+    duration: float,
+    *,
+    reading: Reading = Reading.STRICT,
+    breaks: npt.ArrayLike = (),
+    dampings: npt.ArrayLike | None = None,
     event_limit: int = 1_000_000,
 ) -> Solution:
     """
@@ -250,8 +272,9 @@ def solve(
     if not 0.0 < duration < math.inf:
         raise refusal('duration', duration, '> 0 and finite [s]')
     if not axis.is_ideal:
-        raise ParameterError('the axis must be an ideal one, without sensor, '
-                             'actuator, payload, disturbance and F_s')
+        raise ParameterError(
+            'the axis must be an ideal one, without sensor, actuator, payload, disturbance and F_s'
+        )
     if event_limit < 0:
         raise refusal('event_limit', event_limit, '>= 0 [events]')
     if dampings is None and axis.damping.kind != 'constant':
@@ -263,10 +286,25 @@ def solve(
     plant, gains = axis.packed_axis(), controller.packed()
     gains['x_r'] = 0.0  # the solution is in e
     arcs, end, end_time = trace(
-        plant[0], gains[0], reading is Reading.STRICT, axis.x_0 - controller.x_r, axis.v_0,
-        times, values, float(duration), event_limit)
-    return Solution(events=events_of(arcs, controller.x_r), end=ENDS[end], end_time=end_time,
-                    x_r=controller.x_r, arcs=arcs, axis=plant, gains=gains)
+        plant[0],
+        gains[0],
+        reading is Reading.STRICT,
+        axis.x_0 - controller.x_r,
+        axis.v_0,
+        times,
+        values,
+        float(duration),
+        event_limit,
+    )
+    return Solution(
+        events=events_of(arcs, controller.x_r),
+        end=ENDS[end],
+        end_time=end_time,
+        x_r=controller.x_r,
+        arcs=arcs,
+        axis=plant,
+        gains=gains,
+    )
 
 
 def check_pieces(breaks: np.ndarray, dampings: np.ndarray) -> None:
@@ -274,7 +312,10 @@ def check_pieces(breaks: np.ndarray, dampings: np.ndarray) -> None:
     if breaks.ndim != 1 or not np.all(np.diff(breaks, prepend=0.0) > 0.0):
         raise refusal('breaks', breaks.tolist(), 'one ascending list of times > 0 [s]')
     if dampings.shape != (breaks.size + 1,):
-        raise refusal('dampings', dampings.shape, f'shape ({breaks.size + 1},), one value more '
-                      'than breaks [N s/m]')
+        raise refusal(
+            'dampings',
+            dampings.shape,
+            f'shape ({breaks.size + 1},), one value more than breaks [N s/m]',
+        )
     if not np.all((dampings > 0.0) & np.isfinite(dampings)):
         raise refusal('dampings', float(dampings.min()), '> 0 and finite [N s/m] (1)')

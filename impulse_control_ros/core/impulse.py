@@ -88,50 +88,85 @@ ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity
 class Controller(Parameters):
     """Gains and guards of the control law (Table I)."""
 
-    m: float = parameter(0.1, 'kg', 'mass the impulses are computed for', lower=0.0,
-                         open_lower=True)
+    m: float = parameter(
+        0.1, 'kg', 'mass the impulses are computed for', lower=0.0, open_lower=True
+    )
     K: float = parameter(10.0, 'N/m', 'proportional gain (4)', lower=0.0, open_lower=True)
     D: float = parameter(0.5, 'N s/m', 'derivative gain (4)', lower=0.0)
-    d_bar: float = parameter(1.5, 'N s/m', 'upper bound of the damping (1)(26)', lower=0.0,
-                             open_lower=True)
-    c: float = parameter(2.0, '', 'weight of the velocity-zero impulse (15)(26)',
-                         choices=(1.0, 2.0))
+    d_bar: float = parameter(
+        1.5, 'N s/m', 'upper bound of the damping (1)(26)', lower=0.0, open_lower=True
+    )
+    c: float = parameter(
+        2.0, '', 'weight of the velocity-zero impulse (15)(26)', choices=(1.0, 2.0)
+    )
     alpha_ratio: float = parameter(
-        0.6, '', 'alpha / (m abs(v)), the gain of the position-zero impulse (19)', lower=0.5,
-        upper=1.0, open_upper=True, reference='(19): 0.5 m abs(v) <= alpha < m abs(v)')
+        0.6,
+        '',
+        'alpha / (m abs(v)), the gain of the position-zero impulse (19)',
+        lower=0.5,
+        upper=1.0,
+        open_upper=True,
+        reference='(19): 0.5 m abs(v) <= alpha < m abs(v)',
+    )
     x_r: float = parameter(0.0, 'm', 'set-point (4)', lower=-FAR, upper=FAR)
     K_i: float = parameter(
-        0.0, 'N/(m s)', 'integral gain, which makes the PD loop a PID; it rests while '
-        'effort_limit does not let it act', lower=0.0)
+        0.0,
+        'N/(m s)',
+        'integral gain, which makes the PD loop a PID; it rests while '
+        'effort_limit does not let it act',
+        lower=0.0,
+    )
     impulses: bool = parameter(True, '', 'whether impulses act; false leaves the PD loop (4)')
     effort_limit: float = parameter(
-        0.0, 'N', 'largest effort, PD and impulse together; 0 for none', lower=0.0)
+        0.0, 'N', 'largest effort, PD and impulse together; 0 for none', lower=0.0
+    )
     position_deadband: float = parameter(
-        1e-6, 'm', 'velocity-zero and sticking impulses need a larger error', lower=0.0)
+        1e-6, 'm', 'velocity-zero and sticking impulses need a larger error', lower=0.0
+    )
     velocity_deadband: float = parameter(
-        1e-6, 'm/s', 'counts as standing; position-zero impulses need more', lower=0.0)
+        1e-6, 'm/s', 'counts as standing; position-zero impulses need more', lower=0.0
+    )
     hold_off: int = parameter(
-        0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0)
+        0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0
+    )
     lead: float = parameter(
-        0.0, 'samples', 'how far ahead the guards look; 0.5 halves the delay of a position zero',
-        lower=0.0, upper=1.0)
+        0.0,
+        'samples',
+        'how far ahead the guards look; 0.5 halves the delay of a position zero',
+        lower=0.0,
+        upper=1.0,
+    )
     position_hysteresis: float = parameter(
-        0.0, 'm', 'a position zero counts once until the error has been larger', lower=0.0)
+        0.0, 'm', 'a position zero counts once until the error has been larger', lower=0.0
+    )
     velocity_hysteresis: float = parameter(
-        0.0, 'm/s', 'beyond the dead band, before the axis counts as moving again', lower=0.0)
+        0.0, 'm/s', 'beyond the dead band, before the axis counts as moving again', lower=0.0
+    )
     stick_samples: int = parameter(
-        1, 'samples', 'standing since the last impulse, before one that releases; longer than '
-        'the actuator needs to act', lower=1)
+        1,
+        'samples',
+        'standing since the last impulse, before one that releases; longer than '
+        'the actuator needs to act',
+        lower=1,
+    )
     velocity_source: str = parameter(
-        'measured', '', 'velocity the law acts on: that of the message, where it has one, or one '
-        'that is estimated from the positions', choices=('measured', 'estimated'))
+        'measured',
+        '',
+        'velocity the law acts on: that of the message, where it has one, or one '
+        'that is estimated from the positions',
+        choices=('measured', 'estimated'),
+    )
     velocity_bandwidth: float = parameter(
-        50.0, 'Hz', 'corner of the filter that estimates the velocity; '
-        'velocity_deadband above 4 pi times it times the step of the encoder', lower=0.0,
-        open_lower=True)
+        50.0,
+        'Hz',
+        'corner of the filter that estimates the velocity; '
+        'velocity_deadband above 4 pi times it times the step of the encoder',
+        lower=0.0,
+        open_lower=True,
+    )
     time_step: float = parameter(
-        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0,
-        read_only=True)
+        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0, read_only=True
+    )
 
     def check(self) -> None:
         """Stamps are integers: the sampling period is a whole number of nanoseconds."""
@@ -145,10 +180,12 @@ class Controller(Parameters):
 def packed_gains(values: Mapping[str, Any], runs: int) -> np.ndarray:
     """Pack values, or arrays of shape (runs,), by the names of `Controller`: dtype GAINS."""
     limit = np.asarray(values['effort_limit'])
-    derived = {'position_gain': 2.0 * values['alpha_ratio'] * values['m'],
-               'velocity_gain': values['d_bar'] / values['c'],
-               'effort_limit': np.where(limit > 0.0, limit, np.inf),
-               'sample_rate': 1.0 / values['time_step']}
+    derived = {
+        'position_gain': 2.0 * values['alpha_ratio'] * values['m'],
+        'velocity_gain': values['d_bar'] / values['c'],
+        'effort_limit': np.where(limit > 0.0, limit, np.inf),
+        'sample_rate': 1.0 / values['time_step'],
+    }
     gains = np.zeros(runs, GAINS)
     for name in Gains._fields:
         gains[name] = derived[name] if name in derived else values[name]
@@ -238,16 +275,31 @@ def answered(memory, gains, position, velocity):
 
     effort, waits = sent(gains, -gains.K * error - gains.D * velocity, pending)
     hold = gains.hold_off if guard == POSITION_ZERO else max(memory.hold - 1.0, 0.0)
-    return effort, area, guard, Memory(
-        1.0, position, sign(error), direction, gains.x_r, waits, pending, hold)
+    return (
+        effort,
+        area,
+        guard,
+        Memory(1.0, position, sign(error), direction, gains.x_r, waits, pending, hold),
+    )
 
 
 @compiled
 def unpacked(gains):
     """Return the `Gains` of a record."""
-    return Gains(gains.K, gains.D, gains.position_gain, gains.velocity_gain, gains.x_r,
-                 gains.impulses, gains.effort_limit, gains.position_deadband,
-                 gains.velocity_deadband, gains.hold_off, gains.time_step, gains.sample_rate)
+    return Gains(
+        gains.K,
+        gains.D,
+        gains.position_gain,
+        gains.velocity_gain,
+        gains.x_r,
+        gains.impulses,
+        gains.effort_limit,
+        gains.position_deadband,
+        gains.velocity_deadband,
+        gains.hold_off,
+        gains.time_step,
+        gains.sample_rate,
+    )
 
 
 @compiled

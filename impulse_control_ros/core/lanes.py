@@ -34,9 +34,27 @@ from impulse_control_ros.core.metrics import added, outside_since, SUMS, Sums
 
 LANES = 32  # four vectors of eight: enough to fill the waiting, few enough for the L1 cache
 CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
-NOW = np.dtype([(name, 'f8') for name in (
-    'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
-    'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded')] + [('guard', 'i8')])
+NOW = np.dtype(
+    [
+        (name, 'f8')
+        for name in (
+            'position',
+            'velocity',
+            'damping',
+            'noise',
+            'wave',
+            'effort',
+            'area',
+            'first_error',
+            'inverse_m',
+            'old_position',
+            'old_velocity',
+            'whole',
+            'bounded',
+        )
+    ]
+    + [('guard', 'i8')]
+)
 
 
 def laned(record: np.dtype[np.void]) -> np.dtype[np.void]:
@@ -44,12 +62,24 @@ def laned(record: np.dtype[np.void]) -> np.dtype[np.void]:
     return np.dtype([(name, record[name], (LANES,)) for name in record.names or ()])
 
 
-BLOCK = np.dtype([('now', laned(NOW)), ('axis', laned(AXIS)), ('profile', laned(DAMPING)),
-                  ('gains', laned(GAINS)), ('memory', laned(MEMORY)), ('sums', laned(SUMS))])
+BLOCK = np.dtype(
+    [
+        ('now', laned(NOW)),
+        ('axis', laned(AXIS)),
+        ('profile', laned(DAMPING)),
+        ('gains', laned(GAINS)),
+        ('memory', laned(MEMORY)),
+        ('sums', laned(SUMS)),
+    ]
+)
 
 
-def loaded(axis: np.ndarray, start: np.ndarray, profile: np.ndarray, gains: np.ndarray,
-           ) -> np.ndarray:
+def loaded(
+    axis: np.ndarray,
+    start: np.ndarray,
+    profile: np.ndarray,
+    gains: np.ndarray,
+) -> np.ndarray:
     """
     Put runs into blocks; the last run fills what is left.
 
@@ -60,7 +90,7 @@ def loaded(axis: np.ndarray, start: np.ndarray, profile: np.ndarray, gains: np.n
     at = np.minimum(np.arange(count * LANES), len(axis) - 1).reshape(count, LANES)
     memory = np.zeros(count * BLOCK.itemsize + CACHE_LINE, np.uint8)
     offset = -memory.ctypes.data % CACHE_LINE
-    blocks = memory[offset:offset + count * BLOCK.itemsize].view(BLOCK)
+    blocks = memory[offset : offset + count * BLOCK.itemsize].view(BLOCK)
     for part, rows in (('axis', axis), ('profile', profile), ('gains', gains)):
         for name in rows.dtype.names or ():
             blocks[part][name] = rows[name][at]
@@ -77,13 +107,33 @@ def answer_lanes(block):
     """Do the control law of each lane."""
     now, m, g = block.now, block.memory, block.gains
     for j in range(LANES):
-        memory = Memory(m.started[j], m.position[j], m.side[j], m.direction[j], m.x_r[j],
-                        m.pending[j], m.pulsed[j], m.hold[j])
-        gains = Gains(g.K[j], g.D[j], g.position_gain[j], g.velocity_gain[j], g.x_r[j],
-                      g.impulses[j], g.effort_limit[j], g.position_deadband[j],
-                      g.velocity_deadband[j], g.hold_off[j], g.time_step[j], g.sample_rate[j])
+        memory = Memory(
+            m.started[j],
+            m.position[j],
+            m.side[j],
+            m.direction[j],
+            m.x_r[j],
+            m.pending[j],
+            m.pulsed[j],
+            m.hold[j],
+        )
+        gains = Gains(
+            g.K[j],
+            g.D[j],
+            g.position_gain[j],
+            g.velocity_gain[j],
+            g.x_r[j],
+            g.impulses[j],
+            g.effort_limit[j],
+            g.position_deadband[j],
+            g.velocity_deadband[j],
+            g.hold_off[j],
+            g.time_step[j],
+            g.sample_rate[j],
+        )
         now.effort[j], now.area[j], now.guard[j], after = answered(
-            memory, gains, now.position[j], now.velocity[j])
+            memory, gains, now.position[j], now.velocity[j]
+        )
         m.started[j], m.position[j], m.side[j] = after.started, after.position, after.side
         m.direction[j], m.x_r[j], m.pending[j] = after.direction, after.x_r, after.pending
         m.pulsed[j], m.hold[j] = after.pulsed, after.hold
@@ -95,10 +145,24 @@ def add_lanes(block, outside, tolerances, tick):
     now, s, x_r = block.now, block.sums, block.gains.x_r
     for j in range(LANES):
         sums = added(
-            Sums(s.overshoot[j], s.iae[j], s.ise[j], s.position_zero[j], s.velocity_zero[j],
-                 s.sticking[j], s.impulse_area[j], s.peak_effort[j], s.peak_velocity[j]),
-            sign(now.first_error[j]), now.position[j] - x_r[j], now.velocity[j], now.effort[j],
-            now.area[j], now.guard[j])
+            Sums(
+                s.overshoot[j],
+                s.iae[j],
+                s.ise[j],
+                s.position_zero[j],
+                s.velocity_zero[j],
+                s.sticking[j],
+                s.impulse_area[j],
+                s.peak_effort[j],
+                s.peak_velocity[j],
+            ),
+            sign(now.first_error[j]),
+            now.position[j] - x_r[j],
+            now.velocity[j],
+            now.effort[j],
+            now.area[j],
+            now.guard[j],
+        )
         s.overshoot[j], s.iae[j], s.ise[j] = sums.overshoot, sums.iae, sums.ise
         s.position_zero[j], s.velocity_zero[j] = sums.position_zero, sums.velocity_zero
         s.sticking[j], s.impulse_area[j] = sums.sticking, sums.impulse_area
@@ -124,7 +188,8 @@ def set_damping(block, tick, noisy, wavy):
     if noisy or wavy:
         for j in range(LANES):
             now.damping[j] = within_bounds(
-                p.kind[j], p.value[j], p.lower[j], p.upper[j], now.noise[j], now.wave[j])
+                p.kind[j], p.value[j], p.lower[j], p.upper[j], now.noise[j], now.wave[j]
+            )
 
 
 @compiled
@@ -135,15 +200,27 @@ def step_lanes(block):
     for j in range(LANES):
         now.old_position[j], now.old_velocity[j] = now.position[j], now.velocity[j]
         now.position[j], now.velocity[j], whole = short_step(
-            now.position[j], now.velocity[j], now.effort[j], now.damping[j], now.inverse_m[j],
-            axis.F_c[j], axis.time_step[j])
+            now.position[j],
+            now.velocity[j],
+            now.effort[j],
+            now.damping[j],
+            now.inverse_m[j],
+            axis.F_c[j],
+            axis.time_step[j],
+        )
         now.whole[j] = 1.0 if whole else 0.0
         left -= 1 if whole else 0
     for j in range(LANES if left else 0):
         if now.whole[j] == 0.0:
             now.position[j], now.velocity[j] = long_step(
-                now.old_position[j], now.old_velocity[j], now.effort[j], now.damping[j],
-                axis.m[j], axis.F_c[j], axis.time_step[j])
+                now.old_position[j],
+                now.old_velocity[j],
+                now.effort[j],
+                now.damping[j],
+                axis.m[j],
+                axis.F_c[j],
+                axis.time_step[j],
+            )
 
 
 @compiled

@@ -67,9 +67,15 @@ class Law:
         if self.is_axis:
             return self.points()
         if self.kind == 'normal':
-            ends = np.array([(part.min(), part.max()) for part in (
-                words(seed, name, first, min(BLOCK, count - first))
-                for first in range(0, count, BLOCK))])
+            ends = np.array(
+                [
+                    (part.min(), part.max())
+                    for part in (
+                        words(seed, name, first, min(BLOCK, count - first))
+                        for first in range(0, count, BLOCK)
+                    )
+                ]
+            )
             return self._of(np.array([ends[:, 0].min(), ends[:, 1].max()]))
         return [0] if self.kind == 'seeds' else list(self.arguments)
 
@@ -86,7 +92,7 @@ def words(seed: int, name: str, first: int, count: int) -> np.ndarray:
     entropy = np.random.SeedSequence([seed, int.from_bytes(name.encode(), 'little')])
     stream = np.random.Philox(entropy)
     stream.advance(first // 4)
-    return np.asarray(stream.random_raw(first % 4 + count)[first % 4:])
+    return np.asarray(stream.random_raw(first % 4 + count)[first % 4 :])
 
 
 # math's functions, value by value: numpy's differ in the last bit from machine to machine.
@@ -118,9 +124,16 @@ def _choice(*values: Any) -> Callable[[list[float]], list[Any]]:
 
 
 AXES: Mapping[str, Callable[..., list[Any]]] = {
-    'values': lambda *values: list(values), 'grid': _grid, 'log_grid': _log_grid}
+    'values': lambda *values: list(values),
+    'grid': _grid,
+    'log_grid': _log_grid,
+}
 DRAWS: Mapping[str, Callable[..., Callable[[list[float]], list[Any]]]] = {
-    'uniform': _uniform, 'log_uniform': _log_uniform, 'normal': _normal, 'choice': _choice}
+    'uniform': _uniform,
+    'log_uniform': _log_uniform,
+    'normal': _normal,
+    'choice': _choice,
+}
 LAWS = (*AXES, *DRAWS, 'seeds')
 LISTS = ('values', 'choice')
 # by the type of the parameter
@@ -148,9 +161,10 @@ def law_of(name: str, given: Any) -> Law:
     kind, arguments = next(iter(given.items()))
     if kind not in LAWS:
         near = get_close_matches(str(kind), LAWS, 1)
-        raise ParameterError(f'{name}: {kind}: there is no such law'
-                             + (f'; is {near[0]} meant?' if near
-                                else f'; must be {", ".join(LAWS)}'))
+        raise ParameterError(
+            f'{name}: {kind}: there is no such law'
+            + (f'; is {near[0]} meant?' if near else f'; must be {", ".join(LAWS)}')
+        )
     if kind == 'seeds':
         right = arguments is True
     elif kind in LISTS:
@@ -166,16 +180,24 @@ def law_of(name: str, given: Any) -> Law:
 
 def _are_values(kind: str, values: list[Any]) -> bool:
     plain = all(type(value) in (float, int, bool, str) for value in values)
-    return plain and 0 < len(values) <= MOST_POINTS and (
-        kind == 'choice' or len(set(values)) == len(values))
+    return (
+        plain
+        and 0 < len(values) <= MOST_POINTS
+        and (kind == 'choice' or len(set(values)) == len(values))
+    )
 
 
 def _fit(kind: str, numbers: list[Any]) -> bool:
     if len(numbers) != (3 if kind in AXES else 2) or not all(
-            type(number) in (float, int) and abs(number) <= LARGEST for number in numbers):
+        type(number) in (float, int) and abs(number) <= LARGEST for number in numbers
+    ):
         return False
     if kind == 'normal':
         return bool(numbers[1] > 0)
     steps = numbers[2] if kind in AXES else 2
-    return bool(numbers[0] < numbers[1] and (numbers[0] > 0 or not kind.startswith('log'))
-                and type(steps) is int and 2 <= steps <= MOST_POINTS)
+    return bool(
+        numbers[0] < numbers[1]
+        and (numbers[0] > 0 or not kind.startswith('log'))
+        and type(steps) is int
+        and 2 <= steps <= MOST_POINTS
+    )

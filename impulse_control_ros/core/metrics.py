@@ -59,9 +59,14 @@ SUMS = np.dtype([(name, 'f8') for name in Sums._fields])
 
 def figures_dtype(tolerances: int) -> np.dtype[np.void]:
     """Return the dtype of the figures of a run, with that many settling times."""
-    return np.dtype([('settling_time', 'f8', (tolerances,)),
-                     *((name, 'i8' if name in COUNTS else 'f8') for name in Sums._fields),
-                     ('final_error', 'f8'), ('diverged', '?')])
+    return np.dtype(
+        [
+            ('settling_time', 'f8', (tolerances,)),
+            *((name, 'i8' if name in COUNTS else 'f8') for name in Sums._fields),
+            ('final_error', 'f8'),
+            ('diverged', '?'),
+        ]
+    )
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, tolerance: float) -> float:
@@ -139,7 +144,8 @@ def added(sums, side, error, velocity, effort, area, guard):
         sums.sticking + (1.0 if guard == STICKING else 0.0),
         sums.impulse_area + abs(area),
         max(sums.peak_effort, abs(effort)),
-        max(sums.peak_velocity, abs(velocity)))
+        max(sums.peak_velocity, abs(velocity)),
+    )
 
 
 @compiled
@@ -160,8 +166,14 @@ def add_up(error, velocity, effort, areas, guards, tolerances):
     return sums, outside
 
 
-def conclude(sums: Mapping[str, np.ndarray], outside: np.ndarray, first: np.ndarray,
-             last: np.ndarray, steps: int, time_step: float) -> np.ndarray:
+def conclude(
+    sums: Mapping[str, np.ndarray],
+    outside: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+    steps: int,
+    time_step: float,
+) -> np.ndarray:
     """
     Return the figures of n runs of ``steps`` steps from their sums: shape (n,).
 
@@ -180,8 +192,14 @@ def conclude(sums: Mapping[str, np.ndarray], outside: np.ndarray, first: np.ndar
     return result
 
 
-def figures(time: np.ndarray, error: np.ndarray, velocity: np.ndarray, effort: np.ndarray,
-            events: np.ndarray, tolerances: Sequence[float]) -> np.ndarray:
+def figures(
+    time: np.ndarray,
+    error: np.ndarray,
+    velocity: np.ndarray,
+    effort: np.ndarray,
+    events: np.ndarray,
+    tolerances: Sequence[float],
+) -> np.ndarray:
     """
     Return all figures of merit of a run: shape (1,), dtype `figures_dtype`.
 
@@ -191,5 +209,11 @@ def figures(time: np.ndarray, error: np.ndarray, velocity: np.ndarray, effort: n
     areas, guards = np.zeros(len(time)), np.zeros(len(time), np.int64)
     areas[events['tick']], guards[events['tick']] = events['area'], events['guard']
     sums, outside = add_up(error, velocity, effort, areas, guards, np.array(tolerances, float))
-    return conclude({name: np.array([value]) for name, value in sums._asdict().items()},
-                    outside[np.newaxis], error[:1], error[-1:], len(time) - 1, float(time[1]))
+    return conclude(
+        {name: np.array([value]) for name, value in sums._asdict().items()},
+        outside[np.newaxis],
+        error[:1],
+        error[-1:],
+        len(time) - 1,
+        float(time[1]),
+    )

@@ -13,8 +13,13 @@ from operator import attrgetter
 from typing import Any, TypeVar
 
 FAR = 1e9  # bound of positions [m] and velocities [m/s]: far below overflow
-TYPES = {float: 'a number', int: 'an integer', bool: 'true or false', str: 'a string',
-         tuple: 'a list of strings'}
+TYPES = {
+    float: 'a number',
+    int: 'an integer',
+    bool: 'true or false',
+    str: 'a string',
+    tuple: 'a list of strings',
+}
 
 
 class ParameterError(ValueError):
@@ -44,8 +49,10 @@ class Spec:
         if self.choices:
             text = 'one of ' + ', '.join(str(choice) for choice in self.choices)
         elif self.lower is not None and self.upper is not None:
-            text = (f'in {"(" if self.open_lower else "["}{self.lower:g}, '
-                    f'{self.upper:g}{")" if self.open_upper else "]"}')
+            text = (
+                f'in {"(" if self.open_lower else "["}{self.lower:g}, '
+                f'{self.upper:g}{")" if self.open_upper else "]"}'
+            )
         elif self.lower is not None:
             text = f'{">" if self.open_lower else ">="} {self.lower:g}'
         elif self.upper is not None:
@@ -61,10 +68,13 @@ class Spec:
         if isinstance(value, float) and not math.isfinite(value):
             return False
         if self.lower is not None and (
-                value < self.lower or (self.open_lower and value == self.lower)):
+            value < self.lower or (self.open_lower and value == self.lower)
+        ):
             return False
-        return not (self.upper is not None and (
-            value > self.upper or (self.open_upper and value == self.upper)))
+        return not (
+            self.upper is not None
+            and (value > self.upper or (self.open_upper and value == self.upper))
+        )
 
 
 def parameter(default: Any, unit: str, description: str, **spec: Any) -> Any:
@@ -107,8 +117,10 @@ def declared(kind: type[Parameters], nested: bool = True) -> list[tuple[str, Any
         if item.default is not MISSING:
             found.append((item.name, item.default, item.metadata['spec']))
         elif nested:
-            found += [(f'{item.name}.{name}', default, spec)
-                      for name, default, spec in declared(nested_kind(item))]
+            found += [
+                (f'{item.name}.{name}', default, spec)
+                for name, default, spec in declared(nested_kind(item))
+            ]
     return found
 
 
@@ -129,16 +141,23 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     for name, value in values.items():
         if name not in known:
             near = get_close_matches(name, known, 1)
-            raise ParameterError(f'invalid {name} = {value!r}: there is no such parameter'
-                                 + (f'; is {near[0]} meant?' if near else ''))
+            raise ParameterError(
+                f'invalid {name} = {value!r}: there is no such parameter'
+                + (f'; is {near[0]} meant?' if near else '')
+            )
     right = {name: converted(name, value, *known[name]) for name, value in values.items()}
     inner = {}
     for item in fields(kind):
         if item.default is MISSING:
             prefix = f'{item.name}.'
-            inner[item.name] = build(nested_kind(item), {
-                name.removeprefix(prefix): right.pop(name)
-                for name in list(right) if name.startswith(prefix)})
+            inner[item.name] = build(
+                nested_kind(item),
+                {
+                    name.removeprefix(prefix): right.pop(name)
+                    for name in list(right)
+                    if name.startswith(prefix)
+                },
+            )
     return kind(**right, **inner)
 
 
@@ -153,8 +172,11 @@ def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:
     unit = f' [{spec.unit}]' if spec.unit else ''
     if kind is float and type(value) is int:
         value = float(value)
-    if kind is tuple and isinstance(value, (list, tuple)) and all(
-            isinstance(item, str) for item in value):
+    if (
+        kind is tuple
+        and isinstance(value, (list, tuple))
+        and all(isinstance(item, str) for item in value)
+    ):
         value = tuple(value)
     if type(value) is not kind:
         raise refusal(name, value, TYPES[kind] + unit)

@@ -35,11 +35,20 @@ def real_step(axis, profile, hardware, state, hidden, command):
     m = axle.m + real.mass if now.tick >= real.mass_time else axle.m
     if real.F_s > axle.F_c:
         now.position, now.velocity = stribeck_step(
-            now.position, now.velocity, force, now.damping, m, axle.F_c, real.F_s, real.v_s,
-            axle.time_step)
+            now.position,
+            now.velocity,
+            force,
+            now.damping,
+            m,
+            axle.F_c,
+            real.F_s,
+            real.v_s,
+            axle.time_step,
+        )
     else:
         now.position, now.velocity = axis_step(
-            now.position, now.velocity, force, now.damping, m, axle.F_c, axle.time_step)
+            now.position, now.velocity, force, now.damping, m, axle.F_c, axle.time_step
+        )
     now.tick += 1
     sense(axis, hardware, state, hidden)
 

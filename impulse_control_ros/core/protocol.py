@@ -148,8 +148,9 @@ class Verdict(Enum):
     OTHER_RUN = auto()
 
 
-def judge_command(active: StateHeader, sender: CommandHeader, is_due: bool
-                  ) -> tuple[StateHeader, Verdict]:
+def judge_command(
+    active: StateHeader, sender: CommandHeader, is_due: bool
+) -> tuple[StateHeader, Verdict]:
     """
     Decide on a command while the plant's states have the header ``active``.
 
@@ -215,8 +216,9 @@ class Answered(NamedTuple):
     stamp: int = 0
 
 
-def judge_state(own_id: str, last: Answered, state: StateHeader, stamp: int, step: int,
-                quiet: float) -> tuple[Answered, Reply]:
+def judge_state(
+    own_id: str, last: Answered, state: StateHeader, stamp: int, step: int, quiet: float
+) -> tuple[Answered, Reply]:
     """
     Decide on a state of one of our plants at ``stamp`` [ns].
 
@@ -234,8 +236,10 @@ def judge_state(own_id: str, last: Answered, state: StateHeader, stamp: int, ste
     if stamp == last.stamp:
         return last, Reply.REPEAT
     follows = last.stamp and state.episode == last.episode and step in (0, stamp - last.stamp)
-    return (Answered(state.run, state.episode, stamp),
-            Reply.ANSWER if follows else Reply.ANSWER_AFRESH)
+    return (
+        Answered(state.run, state.episode, stamp),
+        Reply.ANSWER if follows else Reply.ANSWER_AFRESH,
+    )
 
 
 def judge_foreign_state(last: Answered, stamp: int, quiet: float) -> tuple[Answered, Reply]:

@@ -48,8 +48,11 @@ class RecorderFlowControl:
 
     def drop_silent(self, now: float, timeout: float) -> list[str]:
         """Drop the recorders that have been silent for ``timeout`` [s]; returns their ids."""
-        return [recorder for recorder, silence in list(self._silences.items())
-                if silence.look(now) > timeout and self._drop(recorder)]
+        return [
+            recorder
+            for recorder, silence in list(self._silences.items())
+            if silence.look(now) > timeout and self._drop(recorder)
+        ]
 
     def _drop(self, recorder: str) -> bool:
         known = self._reached.pop(recorder, None) is not None
@@ -80,5 +83,4 @@ class RecorderFlowControl:
     @property
     def have_last(self) -> bool:
         """Whether every recorder has the present sample."""
-        return not self._lockstep or all(
-            one >= self._clock.tick for one in self._reached.values())
+        return not self._lockstep or all(one >= self._clock.tick for one in self._reached.values())

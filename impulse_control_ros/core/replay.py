@@ -39,12 +39,13 @@ class Piece(NamedTuple):
 def answer_each(memory, watch, gains, care, position, velocity, answers):
     """Answer n samples: ``position``, ``velocity`` and ``answers`` have shape (n,)."""
     for k in range(len(answers)):
-        control_carefully(memory, watch, gains, care, position[k], velocity[k], answers[k:k + 1])
+        control_carefully(memory, watch, gains, care, position[k], velocity[k], answers[k : k + 1])
 
 
 @compiled
-def close_loop(axis, profile, hardware, state, hidden, memory, watch, gains, care, states,
-               answers):
+def close_loop(
+    axis, profile, hardware, state, hidden, memory, watch, gains, care, states, answers
+):
     """Make n samples, and answer them, from ``state`` on: the last two have shape (n,)."""
     for k in range(len(answers)):
         if k:
@@ -52,8 +53,9 @@ def close_loop(axis, profile, hardware, state, hidden, memory, watch, gains, car
         seen = hidden[0]
         states[k] = state[0]
         states[k].position, states[k].velocity = seen.position, seen.velocity
-        control_carefully(memory, watch, gains, care, seen.position, seen.velocity,
-                          answers[k:k + 1])
+        control_carefully(
+            memory, watch, gains, care, seen.position, seen.velocity, answers[k : k + 1]
+        )
 
 
 def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
@@ -72,8 +74,14 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
     for piece, span in spans(pieces, len(position)):
         if piece.afresh:
             memory, watch = fresh_memory(), fresh_watch()
-        answer_each(memory, watch, *packed_law(piece.controller), position[span], velocity[span],
-                    answers[span])
+        answer_each(
+            memory,
+            watch,
+            *packed_law(piece.controller),
+            position[span],
+            velocity[span],
+            answers[span],
+        )
     return answers
 
 
@@ -98,6 +106,14 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
             hidden = put_to_start(piece.start, state)
         if piece.afresh:
             memory, watch = fresh_memory(), fresh_watch()
-        close_loop(*axis, state, hidden, memory, watch, *packed_law(piece.controller),
-                   states[span], answers[span])
+        close_loop(
+            *axis,
+            state,
+            hidden,
+            memory,
+            watch,
+            *packed_law(piece.controller),
+            states[span],
+            answers[span],
+        )
     return states, answers

@@ -31,8 +31,21 @@ def clear(hidden, memory, watch):
 
 
 @compiled
-def run_row(axis, profile, hardware, state, hidden, gains, care, memory, watch, answer, steps,
-            tolerances, outside):
+def run_row(
+    axis,
+    profile,
+    hardware,
+    state,
+    hidden,
+    gains,
+    care,
+    memory,
+    watch,
+    answer,
+    steps,
+    tolerances,
+    outside,
+):
     """
     Run one row; returns (sums, first error, whether bounded).
 
@@ -45,8 +58,9 @@ def run_row(axis, profile, hardware, state, hidden, gains, care, memory, watch, 
     for tick in range(steps + 1):
         control_carefully(memory, watch, gains, care, seen.position, seen.velocity, answer)
         error = now.position - x_r
-        sums = added(sums, sign(first_error), error, now.velocity, told.effort, told.area,
-                     told.guard)
+        sums = added(
+            sums, sign(first_error), error, now.velocity, told.effort, told.area, told.guard
+        )
         for i in range(len(tolerances)):
             outside[i] = outside_since(outside[i], float(tick), error, tolerances[i])
         bounded = bounded and abs(now.position) < DIVERGED and abs(now.velocity) < DIVERGED
@@ -56,8 +70,22 @@ def run_row(axis, profile, hardware, state, hidden, gains, care, memory, watch, 
 
 
 @compiled
-def run_rows(axis, profile, hardware, states, gains, care, hidden, memory, watch, answer, steps,
-             tolerances, outside, left):
+def run_rows(
+    axis,
+    profile,
+    hardware,
+    states,
+    gains,
+    care,
+    hidden,
+    memory,
+    watch,
+    answer,
+    steps,
+    tolerances,
+    outside,
+    left,
+):
     """
     Run rows of shape (n,) from ``states`` on; ``left``, dtype LEFT, becomes what they leave.
 
@@ -67,8 +95,20 @@ def run_rows(axis, profile, hardware, states, gains, care, hidden, memory, watch
         one = slice(i, i + 1)
         clear(hidden, memory, watch)
         sums, first_error, bounded = run_row(
-            axis[one], profile[one], hardware[one], states[one], hidden, gains[one], care[one],
-            memory, watch, answer, steps, tolerances, outside[i])
+            axis[one],
+            profile[one],
+            hardware[one],
+            states[one],
+            hidden,
+            gains[one],
+            care[one],
+            memory,
+            watch,
+            answer,
+            steps,
+            tolerances,
+            outside[i],
+        )
         one_left = left[i]
         one_left.position, one_left.first_error = states[i].position, first_error
         one_left.bounded = 1.0 if bounded else 0.0

@@ -18,8 +18,15 @@ class SampledController:
         self.change(gains)
         self.forget()
         self._control = machine_code(
-            control_carefully, fresh_memory(), fresh_watch(), self._gains, self._care, 0.0, 0.0,
-            np.zeros(1, ANSWER))
+            control_carefully,
+            fresh_memory(),
+            fresh_watch(),
+            self._gains,
+            self._care,
+            0.0,
+            0.0,
+            np.zeros(1, ANSWER),
+        )
 
     def change(self, gains: Controller) -> None:
         """Answer the next sample with other gains."""
@@ -32,6 +39,7 @@ class SampledController:
 
     def answer(self, position: float, velocity: float) -> Any:
         """Return (effort [N], area [N s], guard, velocity [m/s] that the law took)."""
-        self._control(self._memory, self._watch, self._gains, self._care, position, velocity,
-                      self._answer)
+        self._control(
+            self._memory, self._watch, self._gains, self._care, position, velocity, self._answer
+        )
         return self._answer.item()

@@ -32,8 +32,15 @@ def evaluate(arcs, axis, gains, times, errors, velocities):
         errors[i], velocities[i] = arc.error, arc.velocity
         if arc.direction != 0.0:
             rate = (arc.damping + gains.D) / (2.0 * axis.m)
-            errors[i], velocities[i] = flow(arc.error, arc.velocity, arc.direction, rate,
-                                            stiffness, friction, times[i] - arc.time)
+            errors[i], velocities[i] = flow(
+                arc.error,
+                arc.velocity,
+                arc.direction,
+                rate,
+                stiffness,
+                friction,
+                times[i] - arc.time,
+            )
 
 
 @numba.njit(cache=True)
@@ -56,13 +63,22 @@ def sample(arcs, axis, gains, time_step, times, errors, velocities):
             brake = spring + 2.0 * rate * h
         push = friction * arc.direction
         while k < len(times) and times[k] < until:
-            e, v = flow(arc.error, arc.velocity, arc.direction, rate, stiffness, friction,
-                        times[k] - arc.time)
+            e, v = flow(
+                arc.error,
+                arc.velocity,
+                arc.direction,
+                rate,
+                stiffness,
+                friction,
+                times[k] - arc.time,
+            )
             errors[k], velocities[k] = e, v
             k += 1
             anchor = min(k + ANCHOR - 1, len(times))
             while k < anchor and times[k] < until:
-                e, v = (e - (spring * e - (h * v - push * integral)),
-                        v - (brake * v + (pull * e + push * h)))
+                e, v = (
+                    e - (spring * e - (h * v - push * integral)),
+                    v - (brake * v + (pull * e + push * h)),
+                )
                 errors[k], velocities[k] = e, v
                 k += 1

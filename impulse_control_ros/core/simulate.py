@@ -31,8 +31,9 @@ from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import real_step, sense
 from impulse_control_ros.core.tick import ticks
 
-EVENT = np.dtype([('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
-                  ('area', 'f8')])
+EVENT = np.dtype(
+    [('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +75,22 @@ def closed_loop(axis, profile, start, gains, position, velocity, effort, area, g
 
 
 @compiled
-def real_loop(axis, profile, hardware, state, hidden, gains, care, memory, watch, answer,
-              states, measured, commands, felt):
+def real_loop(
+    axis,
+    profile,
+    hardware,
+    state,
+    hidden,
+    gains,
+    care,
+    memory,
+    watch,
+    answer,
+    states,
+    measured,
+    commands,
+    felt,
+):
     """
     Fill the rows of n steps.
 
@@ -102,8 +117,9 @@ def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
     Raises `ParameterError` when the two disagree about the time step or there is no step.
     """
     if axis.time_step != controller.time_step:
-        raise refusal('time_step', controller.time_step,
-                      f'that of the axis, {axis.time_step:g} [s]')
+        raise refusal(
+            'time_step', controller.time_step, f'that of the axis, {axis.time_step:g} [s]'
+        )
     steps = ticks(duration, axis.time_step)
     if not steps > 0:
         raise refusal('duration', duration, f'> {axis.time_step:g} [s]')
@@ -125,9 +141,13 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     time *= axis.time_step
     fired = np.flatnonzero(guard)
     events = np.empty(len(fired), EVENT)
-    for name, values in (('tick', fired), ('guard', guard[fired]), ('area', area[fired]),
-                         ('position', signals['measured_position'][fired]),
-                         ('velocity', velocity[fired])):
+    for name, values in (
+        ('tick', fired),
+        ('guard', guard[fired]),
+        ('area', area[fired]),
+        ('position', signals['measured_position'][fired]),
+        ('velocity', velocity[fired]),
+    ):
         events[name] = values
     return Run(time=time, events=events, **signals)
 
@@ -147,22 +167,54 @@ def made_ideally(axis: Axis, controller: Controller, steps: int) -> Made:
     """Return the signals of `Run` by name, and area, guard and velocity at each state."""
     position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
     guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
-    closed_loop(*axis.packed(), axis.start(), controller.packed(), position, velocity, effort,
-                area, guard, damping)
-    return {'position': position, 'velocity': velocity, 'effort': effort, 'damping': damping,
-            'applied': effort[:-1], 'measured_position': position,
-            'measured_velocity': velocity}, (area, guard, velocity)
+    closed_loop(
+        *axis.packed(),
+        axis.start(),
+        controller.packed(),
+        position,
+        velocity,
+        effort,
+        area,
+        guard,
+        damping,
+    )
+    return {
+        'position': position,
+        'velocity': velocity,
+        'effort': effort,
+        'damping': damping,
+        'applied': effort[:-1],
+        'measured_position': position,
+        'measured_velocity': velocity,
+    }, (area, guard, velocity)
 
 
 def made_really(axis: Axis, controller: Controller, steps: int) -> Made:
     """Do `made_ideally` with all of core/hardware.py and core/careful.py."""
     states, measured = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
     commands, felt = np.empty((steps + 1, 4)), np.empty((steps, 2))
-    real_loop(*axis.packed(), axis.packed_hardware(), axis.start(), at_rest(),
-              *packed_law(controller), fresh_memory(), fresh_watch(), np.zeros(1, ANSWER),
-              states, measured, commands, felt)
+    real_loop(
+        *axis.packed(),
+        axis.packed_hardware(),
+        axis.start(),
+        at_rest(),
+        *packed_law(controller),
+        fresh_memory(),
+        fresh_watch(),
+        np.zeros(1, ANSWER),
+        states,
+        measured,
+        commands,
+        felt,
+    )
     (position, velocity), (effort, area, guard, taken) = states.T.copy(), commands.T.copy()
     damping, applied = felt.T.copy()
-    return {'position': position, 'velocity': velocity, 'effort': effort, 'damping': damping,
-            'applied': applied, 'measured_position': measured[:, 0].copy(),
-            'measured_velocity': measured[:, 1].copy()}, (area, guard, taken)
+    return {
+        'position': position,
+        'velocity': velocity,
+        'effort': effort,
+        'damping': damping,
+        'applied': applied,
+        'measured_position': measured[:, 0].copy(),
+        'measured_velocity': measured[:, 1].copy(),
+    }, (area, guard, taken)

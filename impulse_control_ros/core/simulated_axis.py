@@ -17,7 +17,8 @@ class SimulatedAxis:
 
     def __init__(self, axis: Axis) -> None:
         self._real_step = machine_code(
-            real_step, *axis.packed(), axis.packed_hardware(), axis.start(), at_rest(), 0.0)
+            real_step, *axis.packed(), axis.packed_hardware(), axis.start(), at_rest(), 0.0
+        )
         self.change(axis)
         self.start()
 
@@ -43,8 +44,9 @@ class SimulatedAxis:
 
     def step(self, command: float) -> None:
         """Make one sample under ``command`` [N]."""
-        self._real_step(self._axis, self._profile, self._hardware, self._state, self._hidden,
-                        command)
+        self._real_step(
+            self._axis, self._profile, self._hardware, self._state, self._hidden, command
+        )
 
     def state(self) -> tuple[Any, ...]:
         """Return the fields of STATE."""

@@ -33,9 +33,11 @@ class Stribeck(Parameters):
     """Friction at rest and at low speed, beside F_c."""
 
     F_s: float = parameter(
-        0.0, 'N', 'friction at rest, F_c or more; 0 for F_c at any speed', lower=0.0)
+        0.0, 'N', 'friction at rest, F_c or more; 0 for F_c at any speed', lower=0.0
+    )
     v_s: float = parameter(
-        0.01, 'm/s', 'speed from which on the friction is F_c', lower=0.0, open_lower=True)
+        0.01, 'm/s', 'speed from which on the friction is F_c', lower=0.0, open_lower=True
+    )
 
 
 @compiled

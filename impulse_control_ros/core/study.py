@@ -94,8 +94,11 @@ class Study:
             raise refusal('runs', self.rows, f'<= {MOST_RUNS} at all points together')
         _require_bounds({name: self._values(name) for name in self.vary}, self.axis)
         if self.steps > MOST_STEPS:
-            raise refusal('duration', self.extent.duration,
-                          f'<= {MOST_STEPS:g} steps of {self.axis.time_step:g} s')
+            raise refusal(
+                'duration',
+                self.extent.duration,
+                f'<= {MOST_STEPS:g} steps of {self.axis.time_step:g} s',
+            )
 
     def _require_laws(self) -> None:
         """Refuse a parameter that is none, has a law of another type or is there twice."""
@@ -103,15 +106,13 @@ class Study:
         for (name, law), full in zip(self.vary.items(), known, strict=True):
             suited = SUITED[type(found(name)[2])]
             if law.kind not in suited:
-                raise ParameterError(f'{name}: {law.kind}: must be '
-                                     + ', '.join(suited))
+                raise ParameterError(f'{name}: {law.kind}: must be ' + ', '.join(suited))
             if known.count(full) > 1:
                 raise ParameterError(f'{name}: {full} is varied twice')
 
     def _values(self, name: str) -> list[Any]:
         """Return values of a parameter between which all others lie, with its type."""
-        values = self.vary[name].extremes(
-            self.extent.seed, full_name(name), self.extent.runs)
+        values = self.vary[name].extremes(self.extent.seed, full_name(name), self.extent.runs)
         return [typed(name, value) for value in values]
 
     @cached_property
@@ -123,7 +124,8 @@ class Study:
     def rows(self) -> int:
         """Return the number of runs at all points together."""
         return self.extent.runs * math.prod(
-            len(self.vary[name].points()) for name in self.vary if self.vary[name].is_axis)
+            len(self.vary[name].points()) for name in self.vary if self.vary[name].is_axis
+        )
 
     @cached_property
     def steps(self) -> int:
@@ -160,15 +162,26 @@ def typed(name: str, value: Any) -> Any:
 
 
 # Of values that bind each other the ones on which they meet first, by name: largest or smallest.
-TIGHTEST = {'damping.lower': max, 'damping.upper': min, 'm': min, 'payload.mass': min,
-            'F_c': max, 'stribeck.F_s': min, 'disturbance.start': max, 'disturbance.end': min}
+TIGHTEST = {
+    'damping.lower': max,
+    'damping.upper': min,
+    'm': min,
+    'payload.mass': min,
+    'F_c': max,
+    'stribeck.F_s': min,
+    'disturbance.start': max,
+    'disturbance.end': min,
+}
 
 
 def _require_bounds(values: Mapping[str, list[Any]], axis: Axis) -> None:
     """Refuse values of the axis that do not fit together in some row."""
-    tightest = {inner: TIGHTEST[inner](given) for name, given in values.items()
-                for side, inner, *_ in [found(name)]
-                if side == 'plant_simulator' and inner in TIGHTEST}
+    tightest = {
+        inner: TIGHTEST[inner](given)
+        for name, given in values.items()
+        for side, inner, *_ in [found(name)]
+        if side == 'plant_simulator' and inner in TIGHTEST
+    }
     build(type(axis), axis.flat() | tightest)
 
 
@@ -192,16 +205,23 @@ def drawn(study: Study, name: str, repeat: np.ndarray) -> np.ndarray:
     law, kind = study.vary[name], type(found(name)[2])
     all_points = study.extent.runs <= len(repeat)
     stretches = [(0, study.extent.runs)] if all_points else pieces(repeat)
-    values = np.asarray([kind(value) for stretch in stretches for value in
-                         law.draws(study.extent.seed, full_name(name), *stretch)])
+    values = np.asarray(
+        [
+            kind(value)
+            for stretch in stretches
+            for value in law.draws(study.extent.seed, full_name(name), *stretch)
+        ]
+    )
     return values[repeat] if all_points else values
 
 
 def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
     """Return (first, count) of each stretch in which repeats follow one another."""
     starts = np.flatnonzero(np.diff(repeat, prepend=-2) != 1)
-    return [(int(repeat[start]), int(end - start))
-            for start, end in zip(starts, [*starts[1:], len(repeat)], strict=True)]
+    return [
+        (int(repeat[start]), int(end - start))
+        for start, end in zip(starts, [*starts[1:], len(repeat)], strict=True)
+    ]
 
 
 def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:
@@ -209,8 +229,10 @@ def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:
     rows = study.rows_of(number)
     parameters = varied(study, rows)
     figures = figures_of(
-        packed_rows(study.axis, study.controller, *columns(parameters), len(rows)), study.steps,
-        np.asarray(study.tolerances))
+        packed_rows(study.axis, study.controller, *columns(parameters), len(rows)),
+        study.steps,
+        np.asarray(study.tolerances),
+    )
     result = {column_of(name): values for name, values in parameters.items()}
     for place, tolerance in enumerate(study.tolerances):
         result[settling(tolerance)] = figures['settling_time'][:, place]
@@ -246,9 +268,12 @@ def title(column: str) -> str:
 def described(study: Study) -> dict[str, Any]:
     """Return all that the figures of a study depend on, by name: plain values."""
     result = {'rows': study.rows, 'tolerances': list(study.tolerances), **study.extent.flat()}
-    result |= {f'vary: {name}': {law.kind: list(law.arguments)}
-               for name, law in study.vary.items()}
-    for side, values in (('plant_simulator', Axis.flat(study.axis)),
-                         ('controller', Controller.flat(study.controller))):
+    result |= {
+        f'vary: {name}': {law.kind: list(law.arguments)} for name, law in study.vary.items()
+    }
+    for side, values in (
+        ('plant_simulator', Axis.flat(study.axis)),
+        ('controller', Controller.flat(study.controller)),
+    ):
         result |= {f'{side}.{name}': value for name, value in values.items()}
     return result

@@ -40,6 +40,11 @@ class WallClockPacer:
         if not self._errors:
             return {}
         errors, self._errors = np.array(self._errors) * 1e6, []
-        return {f'pacing_error_{name}_us': f'{value:.1f}' for name, value in (
-            ('p50', np.percentile(errors, 50)), ('p99', np.percentile(errors, 99)),
-            ('max', errors.max()))}
+        return {
+            f'pacing_error_{name}_us': f'{value:.1f}'
+            for name, value in (
+                ('p50', np.percentile(errors, 50)),
+                ('p99', np.percentile(errors, 99)),
+                ('max', errors.max()),
+            )
+        }

@@ -83,9 +83,13 @@ class BagWriter:
         if topic.type not in self._schemas:
             self._schemas[topic.type] = self._file.add_schema(topic.type, definition)
         self._file.add_channel(
-            topic.name, self._schemas[topic.type],
-            {'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
-             'topic_type_hash': type_hash(topic.type)})
+            topic.name,
+            self._schemas[topic.type],
+            {
+                'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
+                'topic_type_hash': type_hash(topic.type),
+            },
+        )
         self._topics.append(topic)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
@@ -134,34 +138,51 @@ class BagWriter:
             self._file.add_metadata('recording', {'messages': str(self.count), **receipt, **why})
         self._add_bag_metadata()
         self._file.finish()
-        (self.folder / 'metadata.yaml').write_text(to_yaml(
-            {'rosbag2_bagfile_information': self._information()}))
+        (self.folder / 'metadata.yaml').write_text(
+            to_yaml({'rosbag2_bagfile_information': self._information()})
+        )
         self._file.close()
 
     def _add_bag_metadata(self) -> None:
-        self._file.add_metadata('rosbag2', {
-            'serialized_metadata': to_yaml(self._information())})
+        self._file.add_metadata('rosbag2', {'serialized_metadata': to_yaml(self._information())})
 
     def _information(self) -> dict[str, Any]:
         """Return rosbag2's BagMetadata, version 9."""
         start = {'nanoseconds_since_epoch': self._file.first}
         length = {'nanoseconds': self._file.last - self._file.first}
         return {
-            'version': 9, 'storage_identifier': 'mcap', 'duration': length,
-            'starting_time': start, 'message_count': self.count,
+            'version': 9,
+            'storage_identifier': 'mcap',
+            'duration': length,
+            'starting_time': start,
+            'message_count': self.count,
             'topics_with_message_count': [
-                {'topic_metadata': {
-                    'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
-                    'offered_qos_profiles': [dict(qos) for qos in topic.qos],
-                    'type_description_hash': type_hash(topic.type)},
-                 'message_count': count}
-                for topic, count in zip(
-                    self._topics, self._file.counts.values(), strict=True)],
-            'compression_format': '', 'compression_mode': '',
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.type,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': [dict(qos) for qos in topic.qos],
+                        'type_description_hash': type_hash(topic.type),
+                    },
+                    'message_count': count,
+                }
+                for topic, count in zip(self._topics, self._file.counts.values(), strict=True)
+            ],
+            'compression_format': '',
+            'compression_mode': '',
             'relative_file_paths': [self._path.name],
-            'files': [{'path': self._path.name, 'starting_time': start, 'duration': length,
-                       'message_count': self.count}],
-            'custom_data': {'impulse_control_ros': __version__}, 'ros_distro': ROS_DISTRO}
+            'files': [
+                {
+                    'path': self._path.name,
+                    'starting_time': start,
+                    'duration': length,
+                    'message_count': self.count,
+                }
+            ],
+            'custom_data': {'impulse_control_ros': __version__},
+            'ros_distro': ROS_DISTRO,
+        }
 
 
 def require_definitions(kinds: Iterable[str]) -> None:
@@ -180,8 +201,11 @@ def definition_of(kind: str, what: str) -> str:
 
 def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:
     """Say in a bag which run it is of, and which of its ``topics`` has which role."""
-    bag.add_metadata(PACKAGE, {'version': __version__, 'run': run} | {
-        role: topic.name for role, topic in zip(ROLES, topics, strict=False)})
+    bag.add_metadata(
+        PACKAGE,
+        {'version': __version__, 'run': run}
+        | {role: topic.name for role, topic in zip(ROLES, topics, strict=False)},
+    )
 
 
 def require_writable(folder: Path) -> None:

@@ -34,8 +34,13 @@ class JointStateLayout:
     layout.
     """
 
-    def __init__(self, joint: str, frame_id: str = '', fields: Sequence[str] = FIELDS,
-                 joints: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        joint: str,
+        frame_id: str = '',
+        fields: Sequence[str] = FIELDS,
+        joints: Sequence[str] = (),
+    ) -> None:
         self.joint, self.frame_id, self.fields = joint, frame_id, tuple(fields)
         self._joints = tuple(joints) or (joint,)
         self._message, self._mask = bytearray(), bytearray()
@@ -67,7 +72,7 @@ class JointStateLayout:
 
     def _put_variable(self, code: str) -> None:
         """Leave room for one value, and pack what came before it as a constant."""
-        constant = bytes(self._message[self._written:])
+        constant = bytes(self._message[self._written :])
         self._at.append((len(self._message), {'I': '<u4', 'd': '<f8'}[code]))
         self._put(bytes(struct.calcsize('<' + code)), constant=False)
         self._format += [f'{len(constant)}s', code]
@@ -88,7 +93,7 @@ class JointStateLayout:
             if filled:
                 self._align(8)
                 self._put_values()
-        trailer = bytes(self._message[self._written:])
+        trailer = bytes(self._message[self._written :])
         self._format.append(f'{len(trailer)}s')
         self._pieces.append(trailer)
 
@@ -109,7 +114,8 @@ class JointStateLayout:
     def decode(self, raw: bytes) -> tuple[Any, ...] | None:
         """Return (sec, nanosec, *values), or None for another layout."""
         if len(raw) < self.size or (
-                int.from_bytes(raw[:self.size], 'little') & self._check != self._constant):
+            int.from_bytes(raw[: self.size], 'little') & self._check != self._constant
+        ):
             return None
         return self._read.unpack_from(raw)
 
@@ -123,11 +129,16 @@ class JointStateLayout:
         count, size = rows.shape
         if size < self.size:
             return [np.zeros(count, bool), *np.zeros((len(self._at), count))]
-        front = rows[:, :self.size]
+        front = rows[:, : self.size]
         mask, message = (np.frombuffer(item, np.uint8) for item in (self._mask, self._message))
         good = (front & mask == message).all(axis=1)
-        return [good, *(front[:, at:at + np.dtype(code).itemsize].copy().view(code)[:, 0]
-                        for at, code in self._at)]
+        return [
+            good,
+            *(
+                front[:, at : at + np.dtype(code).itemsize].copy().view(code)[:, 0]
+                for at, code in self._at
+            ),
+        ]
 
 
 def layout_in(raw: bytes, joint: str) -> JointStateLayout | None:
@@ -164,7 +175,7 @@ def _count_at(raw: bytes, at: int) -> tuple[int, int]:
 def _string_at(raw: bytes, at: int) -> tuple[str, int]:
     """Return the string that stands at, or after, ``at``, and the end of it."""
     size, at = _count_at(raw, at)
-    return raw[at:at + size - 1].decode(), at + size
+    return raw[at : at + size - 1].decode(), at + size
 
 
 def string(text: str) -> bytes:
@@ -182,7 +193,7 @@ def read_header(raw: bytes) -> tuple[int, bytes]:
     if len(raw) < _HEADER.size or raw[:4] != LITTLE_ENDIAN_CDR:
         return 0, b''
     _, sec, nanosec, size = _HEADER.unpack_from(raw)
-    return sec * SECOND + nanosec, raw[_HEADER.size:_HEADER.size + size - 1]
+    return sec * SECOND + nanosec, raw[_HEADER.size : _HEADER.size + size - 1]
 
 
 def encode_header(sec: int, nanosec: int, frame_id: str) -> bytes:

@@ -25,15 +25,29 @@ from zstandard import ZstdError
 
 from impulse_control_ros.files.mcap_file import MAGIC
 
-BROKEN = (McapError, OSError, ValueError, RuntimeError, LookupError, MemoryError, OverflowError,
-          struct.error, ZstdError)
+BROKEN = (
+    McapError,
+    OSError,
+    ValueError,
+    RuntimeError,
+    LookupError,
+    MemoryError,
+    OverflowError,
+    struct.error,
+    ZstdError,
+)
 AHEAD = 9  # opcode and length stand before each record
 SCHEMA, CHANNEL, MESSAGE = int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)
 DATA_END, FOOTER = struct.Struct('<BQI'), struct.Struct('<QQI')
 BLOCK = 2**20
-HEADER = np.dtype({'names': ['opcode', 'length', 'channel', 'log_time', 'publish_time'],
-                   'formats': ['u1', '<u8', '<u2', '<u8', '<u8'],
-                   'offsets': [0, 1, 9, 15, 23], 'itemsize': 31})
+HEADER = np.dtype(
+    {
+        'names': ['opcode', 'length', 'channel', 'log_time', 'publish_time'],
+        'formats': ['u1', '<u8', '<u2', '<u8', '<u8'],
+        'offsets': [0, 1, 9, 15, 23],
+        'itemsize': 31,
+    }
+)
 
 
 class BagError(Exception):
@@ -129,8 +143,10 @@ def require_checksums(stream: IO[bytes]) -> None:
     opcode, _, of_data = DATA_END.unpack(stream.read(DATA_END.size))
     if opcode != Opcode.DATA_END:
         raise ValueError('it is damaged: no end of data stands where its footer says')
-    for start, end, expected in ((summary_start, footer + FOOTER.size - 4, of_summary),
-                                 (0, data_end, of_data)):
+    for start, end, expected in (
+        (summary_start, footer + FOOTER.size - 4, of_summary),
+        (0, data_end, of_data),
+    ):
         if expected and checksum_of(stream, start, end) != expected:
             raise ValueError('it is damaged: its checksum is another')
 
@@ -179,17 +195,21 @@ def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Column | Sche
         raise ValueError(f'a record is broken at byte {end} of {len(content)}')
     for at in others:
         kind = Schema if content[at] == SCHEMA else Channel
-        record = kind.read(ReadDataStream(BytesIO(records[at + AHEAD:])))
+        record = kind.read(ReadDataStream(BytesIO(records[at + AHEAD :])))
         yield record
         if isinstance(record, Channel):
             topics[record.id] = record.topic
     headers = rows_at(content, messages, HEADER.itemsize).view(HEADER).ravel()
     for number in np.unique(headers['channel']):
         ours = headers['channel'] == number
-        yield Column(topics[int(number)], headers['log_time'][ours].astype(np.int64),
-                     headers['publish_time'][ours].astype(np.int64), content,
-                     messages[ours] + HEADER.itemsize,
-                     headers['length'][ours].astype(np.int64) + AHEAD - HEADER.itemsize)
+        yield Column(
+            topics[int(number)],
+            headers['log_time'][ours].astype(np.int64),
+            headers['publish_time'][ours].astype(np.int64),
+            content,
+            messages[ours] + HEADER.itemsize,
+            headers['length'][ours].astype(np.int64) + AHEAD - HEADER.itemsize,
+        )
 
 
 def rows_at(content: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:

@@ -16,8 +16,12 @@ def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
     """Return what a run with these parameter ``changes`` lacks, as sentences."""
     if not len(run.series.states.rows):
         return []
-    return [*of_others(run), *of_states(run, changes), *of_commands(run, changes),
-            *of_parameters(run, changes)]
+    return [
+        *of_others(run),
+        *of_states(run, changes),
+        *of_commands(run, changes),
+        *of_parameters(run, changes),
+    ]
 
 
 def of_others(run: OneRun) -> Iterator[str]:
@@ -32,8 +36,10 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
     if not run.source.run:
         return
     if not states['is_reset'][0]:
-        yield (f'the bag begins in mid-run, at {seconds(states["stamp"][0])} s; the '
-               'controller may already have been active')
+        yield (
+            f'the bag begins in mid-run, at {seconds(states["stamp"][0])} s; the '
+            'controller may already have been active'
+        )
     step = next(filter(None, (change.values.get('time_step') for change in changes)), 0.0)
     if isinstance(step, float) and step * SECOND >= 1.0:
         steps = np.rint(np.diff(states['stamp']) / (step * SECOND))
@@ -52,12 +58,15 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
         if missing := int(np.count_nonzero(~answered)):
             yield f'{missing} states have no command'
     elif not run.source.run or states.rows['is_reset'][0]:
-        began = [change for change in acting(changes, commands)
-                 if change.anew and not change.is_plant]
+        began = [
+            change for change in acting(changes, commands) if change.anew and not change.is_plant
+        ]
         for change in began:
             if change.stamp not in commands.stamps:
-                yield (f'the first commands of {change.node} are missing; it started at '
-                       f'{seconds(change.stamp)} s')
+                yield (
+                    f'the first commands of {change.node} are missing; it started at '
+                    f'{seconds(change.stamp)} s'
+                )
     fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
         yield f'{missing} commands name a guard whose event is missing'
@@ -85,6 +94,6 @@ def authors(commands: Messages) -> list[str]:
 
 def is_in(stamps: np.ndarray, among: np.ndarray) -> Any:
     """Return which of ``stamps`` are ``among`` others; both are sorted."""
-    if np.array_equal(among[:len(stamps)], stamps):
+    if np.array_equal(among[: len(stamps)], stamps):
         return np.ones(len(stamps), bool)
     return np.append(among, 0)[np.searchsorted(among, stamps)] == stamps

@@ -13,8 +13,10 @@ FIELD = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+')
 
 def interface_file(package: str, name: str) -> Path:
     """Return an interface file, e.g. Header.msg; raise `FileNotFoundError` naming it."""
-    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
-                sys.prefix]
+    prefixes = [
+        *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
+        sys.prefix,
+    ]
     for prefix in prefixes:
         path = Path(prefix, 'share', package, 'msg', name)
         if path.is_file():

@@ -29,8 +29,9 @@ SLOWEST = 1e-3  # Hz
 
 def cpu_core_parameter() -> Any:
     """Make the field that places a node's process."""
-    return parameter(-1, '', 'core that the process runs on; -1 for any', lower=-1, upper=4095,
-                     read_only=True)
+    return parameter(
+        -1, '', 'core that the process runs on; -1 for any', lower=-1, upper=4095, read_only=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,31 +40,56 @@ class PlantParameters(Axis):
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
     duration: float = parameter(
-        0.0, 's', 'simulated time after which the run ends; 0 for no end', lower=0.0)
+        0.0, 's', 'simulated time after which the run ends; 0 for no end', lower=0.0
+    )
     start_time: float = parameter(
-        0.0, 's', 'stamp of the first state; 0 for 1 s in lockstep, else for the wall clock',
-        lower=0.0, upper=LAST_SECOND, read_only=True)
+        0.0,
+        's',
+        'stamp of the first state; 0 for 1 s in lockstep, else for the wall clock',
+        lower=0.0,
+        upper=LAST_SECOND,
+        read_only=True,
+    )
     lockstep: bool = parameter(
-        True, '', 'wait for the command of each state; false runs freely on the wall clock',
-        read_only=True)
+        True,
+        '',
+        'wait for the command of each state; false runs freely on the wall clock',
+        read_only=True,
+    )
     real_time_factor: float = parameter(
-        0.0, '', 'simulated seconds per wall second; 0 for as fast as possible', lower=0.0)
+        0.0, '', 'simulated seconds per wall second; 0 for as fast as possible', lower=0.0
+    )
     command_timeout: float = parameter(
-        1.0, 's', 'wall time without a command after which another controller may take over',
-        lower=0.01, upper=3600.0)
+        1.0,
+        's',
+        'wall time without a command after which another controller may take over',
+        lower=0.01,
+        upper=3600.0,
+    )
     recorder_timeout: float = parameter(
-        10.0, 's', 'wall time without a word of a recorder after which it is not waited for',
-        lower=0.1, upper=3600.0)
+        10.0,
+        's',
+        'wall time without a word of a recorder after which it is not waited for',
+        lower=0.1,
+        upper=3600.0,
+    )
     clock_rate: float = parameter(
-        100.0, 'Hz', 'messages on /clock per simulated second, one a sample at most; 0 for none',
-        lower=0.0)
+        100.0,
+        'Hz',
+        'messages on /clock per simulated second, one a sample at most; 0 for none',
+        lower=0.0,
+    )
     damping_rate: float = parameter(
-        1000.0, 'Hz', 'messages on damping per simulated second, one a sample at most, when it '
-        'varies; 0 for none', lower=0.0)
-    step_ticks: int = parameter(
-        1, 'samples', 'samples that one call of ~/step makes', lower=1)
+        1000.0,
+        'Hz',
+        'messages on damping per simulated second, one a sample at most, when it '
+        'varies; 0 for none',
+        lower=0.0,
+    )
+    step_ticks: int = parameter(1, 'samples', 'samples that one call of ~/step makes', lower=1)
     wait_for_recorder: bool = parameter(
-        False, '', 'whether the first state waits for a recorder', read_only=True)
+        False, '', 'whether the first state waits for a recorder', read_only=True
+    )
     cpu_core: int = cpu_core_parameter()
 
     def check(self) -> None:
@@ -71,16 +97,18 @@ class PlantParameters(Axis):
         super().check()
         nanoseconds(self.start_time, 'start_time')
         if self.start_time + self.duration > LAST_SECOND:
-            raise refusal('duration', self.duration,
-                          f'<= {LAST_SECOND:g} - start_time = {LAST_SECOND - self.start_time:g},'
-                          ' for stamps to fit 32 bits [s]')
+            raise refusal(
+                'duration',
+                self.duration,
+                f'<= {LAST_SECOND:g} - start_time = {LAST_SECOND - self.start_time:g},'
+                ' for stamps to fit 32 bits [s]',
+            )
         for name in ('clock_rate', 'damping_rate'):
             rate = getattr(self, name)
             if 0.0 < rate < SLOWEST:
                 raise refusal(name, rate, f'0 or >= {SLOWEST:g} [Hz]')
         if not self.lockstep and self.real_time_factor == 0.0:
-            raise refusal('real_time_factor', self.real_time_factor,
-                          '> 0 when lockstep is false')
+            raise refusal('real_time_factor', self.real_time_factor, '> 0 when lockstep is false')
 
     @property
     def last_tick(self) -> int:
@@ -111,11 +139,19 @@ class ControllerParameters(Controller):
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
     state_timeout: float = parameter(
-        0.5, 's', 'wall time without a state after which a plant that runs freely is commanded '
-        '0 N; 0 for never', lower=0.0, upper=3600.0)
+        0.5,
+        's',
+        'wall time without a state after which a plant that runs freely is commanded '
+        '0 N; 0 for never',
+        lower=0.0,
+        upper=3600.0,
+    )
     managed: bool = parameter(
-        False, '', 'whether it is a lifecycle node, which commands nothing until it is activated',
-        read_only=True)
+        False,
+        '',
+        'whether it is a lifecycle node, which commands nothing until it is activated',
+        read_only=True,
+    )
     cpu_core: int = cpu_core_parameter()
 
 
@@ -124,12 +160,17 @@ class RecorderParameters(Parameters):
     """Parameters of the node ``recorder``."""
 
     bag: str = parameter(
-        '', '', 'folder to create; empty for impulse_<date and time>', read_only=True)
+        '', '', 'folder to create; empty for impulse_<date and time>', read_only=True
+    )
     topics: tuple[str, ...] = parameter(
-        ('setpoint', 'damping'), '', 'topics to record beside joint_states, joint_commands, '
-        'impulse_events and run_parameters', read_only=True)
+        ('setpoint', 'damping'),
+        '',
+        'topics to record beside joint_states, joint_commands, impulse_events and run_parameters',
+        read_only=True,
+    )
     compression: str = parameter(
-        'zstd', '', 'compression of the chunks', choices=tuple(COMPRESSIONS), read_only=True)
+        'zstd', '', 'compression of the chunks', choices=tuple(COMPRESSIONS), read_only=True
+    )
     cpu_core: int = cpu_core_parameter()
 
 
@@ -137,8 +178,10 @@ class RecorderParameters(Parameters):
 FOREIGN = ('use_sim_time', 'start_type_description_service')
 FOREIGN_PREFIX = 'qos_overrides.'
 NODES: dict[str, type[Parameters]] = {
-    'plant_simulator': PlantParameters, 'controller': ControllerParameters,
-    'recorder': RecorderParameters}
+    'plant_simulator': PlantParameters,
+    'controller': ControllerParameters,
+    'recorder': RecorderParameters,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,9 +31,18 @@ from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.recording import read, Recording
 from impulse_control_ros.files.replaced import replaced
 
-UNITS = {'time': 's', 'stamp_ns': 'ns', 'position': 'm', 'velocity': 'm/s', 'effort': 'N',
-         'command': 'N', 'impulse_area': 'N s', 'guard': '', 'damping': 'N s/m',
-         'is_reset': ''}
+UNITS = {
+    'time': 's',
+    'stamp_ns': 'ns',
+    'position': 'm',
+    'velocity': 'm/s',
+    'effort': 'N',
+    'command': 'N',
+    'impulse_area': 'N s',
+    'guard': '',
+    'damping': 'N s/m',
+    'is_reset': '',
+}
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
 Bag = str | Path | Recording  # a folder or file, or what `read` has returned
@@ -43,8 +52,9 @@ def to_numpy(bag: Bag) -> np.ndarray:
     """Return a structured array of shape (n,), see above; raises `BagError` for what is no bag."""
     columns = columns_of(sampled(bag))
     columns['guard'] = np.array(GUARDS)[columns['guard']]
-    table = np.empty(len(columns['time']), [
-        (name, column.dtype) for name, column in columns.items()])
+    table = np.empty(
+        len(columns['time']), [(name, column.dtype) for name, column in columns.items()]
+    )
     for name, column in columns.items():
         table[name] = column
     return table
@@ -64,8 +74,9 @@ def to_parquet(bag: Bag, file: str | Path) -> int:
 
     table = to_arrow(bag)
     with replaced(Path(file)) as path:
-        pq.write_table(table, path, compression='zstd', use_dictionary=['guard'],
-                       write_page_checksum=True)
+        pq.write_table(
+            table, path, compression='zstd', use_dictionary=['guard'], write_page_checksum=True
+        )
     return len(table)
 
 
@@ -88,10 +99,16 @@ def to_arrow(bag: Bag) -> Any:
     arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}
     arrays['guard'] = pa.DictionaryArray.from_arrays(arrays['guard'], GUARDS)
     about = json.dumps(provenance(run))
-    return pa.table(list(arrays.values()), schema=pa.schema(
-        [pa.field(name, array.type, metadata={'unit': UNITS[name]})
-         for name, array in arrays.items()],
-        metadata={KEY: about, PANDAS_KEY: about}))
+    return pa.table(
+        list(arrays.values()),
+        schema=pa.schema(
+            [
+                pa.field(name, array.type, metadata={'unit': UNITS[name]})
+                for name, array in arrays.items()
+            ],
+            metadata={KEY: about, PANDAS_KEY: about},
+        ),
+    )
 
 
 def sampled(bag: Bag) -> Recording:
@@ -114,17 +131,28 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
         return made
 
     return {
-        'time': (stamp - stamp[0]) / SECOND, 'stamp_ns': stamp,
-        'position': column(run.states, 'position'), 'velocity': column(run.states, 'velocity'),
-        'effort': column(run.states, 'effort'), 'command': column(run.commands, 'effort'),
+        'time': (stamp - stamp[0]) / SECOND,
+        'stamp_ns': stamp,
+        'position': column(run.states, 'position'),
+        'velocity': column(run.states, 'velocity'),
+        'effort': column(run.states, 'effort'),
+        'command': column(run.commands, 'effort'),
         'impulse_area': column(run.impulses, 'area', 0.0),
         'guard': column(run.impulses, 'guard', np.int8(0)),
         'damping': column(run.damping, 'damping'),
-        'is_reset': column(run.states, 'is_reset', False)}
+        'is_reset': column(run.states, 'is_reset', False),
+    }
 
 
 def provenance(run: Recording) -> Mapping[str, Any]:
     """Return what a bag says about its run."""
-    return {'units': UNITS, 'run': run.run, 'parameters': run.parameters,
-            'changes': [change._asdict() for change in run.changes], 'version': run.version,
-            'receipt': run.receipt, 'unread': run.unread, 'lacks': run.lacks}
+    return {
+        'units': UNITS,
+        'run': run.run,
+        'parameters': run.parameters,
+        'changes': [change._asdict() for change in run.changes],
+        'version': run.version,
+        'receipt': run.receipt,
+        'unread': run.unread,
+        'lacks': run.lacks,
+    }

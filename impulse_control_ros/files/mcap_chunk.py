@@ -13,8 +13,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 CHUNK_SIZE = 512 * 1024
 LARGEST_CHUNK = 1024 * 1024  # where time stands still
-MESSAGE = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
-                    ('log_time', '<u8'), ('publish_time', '<u8')])
+MESSAGE = np.dtype(
+    [
+        ('opcode', 'u1'),
+        ('length', '<u8'),
+        ('channel', '<u2'),
+        ('sequence', '<u4'),
+        ('log_time', '<u8'),
+        ('publish_time', '<u8'),
+    ]
+)
 ROOM = MESSAGE.itemsize
 ENTRY = np.dtype([('log_time', '<u8'), ('place', '<u8')])
 AHEAD = 9  # opcode and length, which does not count them
@@ -92,7 +100,7 @@ class OpenChunk:
             chunk = block.start[first] - self._size
             full = np.searchsorted(block.start, chunk + CHUNK_SIZE, 'right')
             overfull = np.searchsorted(end, chunk + LARGEST_CHUNK, 'right')
-            on_time = later[np.searchsorted(later, full):][:1]
+            on_time = later[np.searchsorted(later, full) :][:1]
             stop = int(min(count, max(full, overfull), *on_time))
             if first < stop:
                 self._append(block, slice(first, stop), time, end)
@@ -114,18 +122,21 @@ class OpenChunk:
             entries['log_time'], entries['place'] = time[ours], place[ours]
             self.indices.setdefault(channel, []).append(entries.tobytes())
         sliding_window_view(block.content, ROOM, writeable=True)[start] = head.view(
-            np.uint8).reshape(-1, ROOM)
+            np.uint8
+        ).reshape(-1, ROOM)
         if not self.parts:
             self.begins = int(time[0])
-        self.parts.append(block.content[start[0]:end[part.stop - 1]].data)
+        self.parts.append(block.content[start[0] : end[part.stop - 1]].data)
         self._size += len(self.parts[-1])
         self.last = int(time[-1])
 
     @property
     def held(self) -> dict[int, int]:
         """The number of its messages by channel."""
-        return {channel: sum(map(len, index)) // ENTRY.itemsize
-                for channel, index in self.indices.items()}
+        return {
+            channel: sum(map(len, index)) // ENTRY.itemsize
+            for channel, index in self.indices.items()
+        }
 
     @property
     def count(self) -> int:

@@ -37,9 +37,11 @@ from impulse_control_ros.files.mcap_chunk import Block, OpenChunk
 
 MAGIC = b'\x89MCAP0\r\n'
 COMPRESSIONS: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
-    'none': ('', bytes), 'lz4': ('lz4', lz4.frame.compress),
+    'none': ('', bytes),
+    'lz4': ('lz4', lz4.frame.compress),
     # level 3, the default, takes half as long again for 1 % less
-    'zstd': ('zstd', zstandard.ZstdCompressor(level=1).compress)}
+    'zstd': ('zstd', zstandard.ZstdCompressor(level=1).compress),
+}
 _INDEX = struct.Struct('<BQHI')
 
 
@@ -97,14 +99,15 @@ class McapFile:
         """Write a part of the data section, whose checksum stands at its end."""
         rest = memoryview(data)
         while rest:
-            rest = rest[self._file.write(rest):]
+            rest = rest[self._file.write(rest) :]
         self._checksum = zlib.crc32(data, self._checksum)
         self._end += len(data)
 
     def add_schema(self, name: str, text: str) -> int:
         """Register a ros2msg definition; returns its id."""
         schema = Schema(
-            id=len(self._schemas) + 1, name=name, encoding='ros2msg', data=text.encode())
+            id=len(self._schemas) + 1, name=name, encoding='ros2msg', data=text.encode()
+        )
         self._put(encoded([schema]))
         self._schemas.append(schema)
         return schema.id
@@ -112,8 +115,12 @@ class McapFile:
     def add_channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
         """Register a topic of CDR messages; returns its channel."""
         channel = Channel(
-            id=len(self._channels) + 1, topic=topic, message_encoding='cdr', schema_id=schema,
-            metadata=metadata)
+            id=len(self._channels) + 1,
+            topic=topic,
+            message_encoding='cdr',
+            schema_id=schema,
+            metadata=metadata,
+        )
         self._put(encoded([channel]))
         self._channels.append(channel)
         self._open.counts[channel.id] = 0
@@ -150,9 +157,14 @@ class McapFile:
         """Write the open chunk and its message indexes, and begin another one."""
         done = self._open
         data = b''.join(done.parts)
-        chunk = Chunk(compression=self._compression, data=self._compress(data),
-                      message_start_time=done.begins, message_end_time=done.last,
-                      uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data))
+        chunk = Chunk(
+            compression=self._compression,
+            data=self._compress(data),
+            message_start_time=done.begins,
+            message_end_time=done.last,
+            uncompressed_crc=zlib.crc32(data),
+            uncompressed_size=len(data),
+        )
         at, written = self._end, encoded([chunk])
         offsets, behind = {}, []
         index_at = end = at + len(written)
@@ -164,11 +176,19 @@ class McapFile:
         before = self._checksum
         self._put(b''.join((written, *behind)))
         self.first = self.first or done.begins
-        self._chunks.append(ChunkIndex(
-            message_start_time=done.begins, message_end_time=done.last, chunk_start_offset=at,
-            chunk_length=len(written), message_index_offsets=offsets,
-            message_index_length=end - index_at, compression=self._compression,
-            compressed_size=len(chunk.data), uncompressed_size=len(data)))
+        self._chunks.append(
+            ChunkIndex(
+                message_start_time=done.begins,
+                message_end_time=done.last,
+                chunk_start_offset=at,
+                chunk_length=len(written),
+                message_index_offsets=offsets,
+                message_index_length=end - index_at,
+                compression=self._compression,
+                compressed_size=len(chunk.data),
+                uncompressed_size=len(data),
+            )
+        )
         self._in_chunks.append(done.held)
         self._checksums.append(before)
         done.clear()
@@ -197,28 +217,53 @@ class McapFile:
         self.end_chunk()
         data_end = encoded([DataEnd(self._checksum)])
         statistics = Statistics(
-            attachment_count=0, channel_count=len(self._channels), channel_message_counts={
-                channel: count for channel, count in self.counts.items() if count},
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts={
+                channel: count for channel, count in self.counts.items() if count
+            },
             chunk_count=len(self._chunks),
-            message_count=sum(self.counts.values()), message_start_time=self.first,
-            message_end_time=self.last, metadata_count=len(self._metadata),
-            schema_count=len(self._schemas))
+            message_count=sum(self.counts.values()),
+            message_start_time=self.first,
+            message_end_time=self.last,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
         start, summary, offsets = self._end + len(data_end), b'', []
         for opcode, records in (
-                (Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
-                (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunks),
-                (Opcode.METADATA_INDEX, self._metadata)):
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ):
             group = encoded(records)
             if group:
-                offsets.append(SummaryOffset(group_opcode=opcode, group_length=len(group),
-                                             group_start=start + len(summary)))
+                offsets.append(
+                    SummaryOffset(
+                        group_opcode=opcode,
+                        group_length=len(group),
+                        group_start=start + len(summary),
+                    )
+                )
             summary += group
         offset_start = start + len(summary)
         summary += encoded(offsets)
         footer = struct.pack('<BQQQ', Opcode.FOOTER, 20, start, offset_start)
-        self._put(data_end + summary + encoded([Footer(
-            summary_start=start, summary_offset_start=offset_start,
-            summary_crc=zlib.crc32(footer, zlib.crc32(summary)))]) + MAGIC)
+        self._put(
+            data_end
+            + summary
+            + encoded(
+                [
+                    Footer(
+                        summary_start=start,
+                        summary_offset_start=offset_start,
+                        summary_crc=zlib.crc32(footer, zlib.crc32(summary)),
+                    )
+                ]
+            )
+            + MAGIC
+        )
 
     def close(self) -> None:
         """Close the file, finished or not."""

@@ -13,8 +13,13 @@ from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR
 
 TYPE = 'rcl_interfaces/msg/ParameterEvent'
 # field of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
-FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-          9: 'string_array_value'}
+FIELDS = {
+    1: 'bool_value',
+    2: 'integer_value',
+    3: 'double_value',
+    4: 'string_value',
+    9: 'string_array_value',
+}
 _TYPES = {bool: 1, int: 2, float: 3, str: 4, tuple: 9, list: 9}
 _HEAD = len(LITTLE_ENDIAN_CDR)
 
@@ -50,8 +55,9 @@ class _Writer:
             self.put_string(item)
 
 
-def encode_parameter_event(sec: int, nanosec: int, node: str, parameters: Mapping[str, Any],
-                           changed: Mapping[str, Any]) -> bytes:
+def encode_parameter_event(
+    sec: int, nanosec: int, node: str, parameters: Mapping[str, Any], changed: Mapping[str, Any]
+) -> bytes:
     """Return the event of ``node`` with all its ``parameters``, of which some are ``changed``."""
     writer = _Writer()
     writer.put('i', sec)
@@ -64,15 +70,21 @@ def encode_parameter_event(sec: int, nanosec: int, node: str, parameters: Mappin
     return bytes(writer.data)
 
 
-def decode_parameter_event(raw: bytes, decode: Callable[[bytes], Any]
-                           ) -> tuple[int, int, str, dict[str, Any], dict[str, Any]]:
+def decode_parameter_event(
+    raw: bytes, decode: Callable[[bytes], Any]
+) -> tuple[int, int, str, dict[str, Any], dict[str, Any]]:
     """
     Return (sec, nanosec, node, parameters, changed) of an event.
 
     ``decode`` turns the bytes into an object with the message's fields: rclpy's, or mcap's.
     """
     event = decode(raw)
-    parameters, changed = ({one.name: getattr(one.value, FIELDS[one.value.type])
-                            for one in values if one.value.type in FIELDS}
-                           for values in (event.new_parameters, event.changed_parameters))
+    parameters, changed = (
+        {
+            one.name: getattr(one.value, FIELDS[one.value.type])
+            for one in values
+            if one.value.type in FIELDS
+        }
+        for values in (event.new_parameters, event.changed_parameters)
+    )
     return event.stamp.sec, event.stamp.nanosec, event.node, parameters, changed

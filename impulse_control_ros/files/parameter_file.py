@@ -26,14 +26,17 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if key.value in seen:
                 raise yaml.YAMLError(
-                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}')
+                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}'
+                )
             seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
-    list('-+0123456789'))
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
+    list('-+0123456789'),
+)
 
 
 def parsed(text: str) -> Any:
@@ -76,8 +79,11 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
     """Yield (name, section); a mapping of mappings without parameters is a namespace."""
     for key, section in content.items():
         name = f'{prefix}{key}'
-        if isinstance(section, Mapping) and 'ros__parameters' not in section and any(
-                isinstance(value, Mapping) for value in section.values()):
+        if (
+            isinstance(section, Mapping)
+            and 'ros__parameters' not in section
+            and any(isinstance(value, Mapping) for value in section.values())
+        ):
             yield from _nested_sections(section, f'{name}/')
         else:
             yield name, section
@@ -99,8 +105,11 @@ def _given_in(path: str | Path) -> Iterator[Given]:
         except (KeyError, TypeError, AttributeError):
             raise ParameterError(f'{path}: {name} has no ros__parameters') from None
         for node in meant:
-            yield '/' + name.lstrip('/'), node, {
-                key: value for key, value in given.items() if not is_foreign(key)}
+            yield (
+                '/' + name.lstrip('/'),
+                node,
+                {key: value for key, value in given.items() if not is_foreign(key)},
+            )
 
 
 def _merged(given: Iterable[Given]) -> dict[str, dict[str, Any]]:
@@ -141,8 +150,9 @@ def read_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experi
     source = ', '.join([*map(str, paths), *['-p'] * bool(besides)])
     experiment = Experiment(**{node: _built(source, node, values[node]) for node in NODES})
     try:
-        require_agreement('plant_simulator', experiment.plant_simulator.flat(),
-                          experiment.controller.flat())
+        require_agreement(
+            'plant_simulator', experiment.plant_simulator.flat(), experiment.controller.flat()
+        )
     except ParameterError as error:
         raise ParameterError(f'{source}: controller: {error}') from None
     return experiment

@@ -13,8 +13,10 @@ def unused_overrides(arguments: Sequence[str], names: Sequence[str]) -> Iterator
     for source, keys in override_keys(arguments):
         missed = missed_by(keys, names)
         if missed:
-            yield (f'{source}: {", ".join(keys)} is the name of none of {", ".join(missed)}; '
-                   'in a file, /**/NAME is a node in any namespace')
+            yield (
+                f'{source}: {", ".join(keys)} is the name of none of {", ".join(missed)}; '
+                'in a file, /**/NAME is a node in any namespace'
+            )
 
 
 def override_keys(arguments: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
@@ -34,8 +36,11 @@ def missed_by(keys: Sequence[str], names: Sequence[str]) -> list[str]:
     """
     reached = [name for name in names if any(is_for(key, name) for key in keys)]
     alike = {key.rsplit('/', 1)[-1] for key in keys}
-    return [name for name in names if name not in reached
-            and (not reached or name.rsplit('/', 1)[-1] in alike)]
+    return [
+        name
+        for name in names
+        if name not in reached and (not reached or name.rsplit('/', 1)[-1] in alike)
+    ]
 
 
 def is_for(key: str, name: str) -> bool:

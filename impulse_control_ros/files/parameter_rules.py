@@ -26,10 +26,14 @@ def given_by(rule: str) -> list[Given]:
         raise ParameterError(f'-p {rule}: must be [NODE:]NAME:=VALUE')
     node, name = found[1], found[2]
     if node not in (None, *NODES):
-        raise ParameterError(f'-p {rule}: invalid node {node!r}: must be '
-                             f'{", ".join(NODES)}')
-    meant = [node] if node else [one for one, kind in NODES.items()
-                                 if name in [known for known, _, _ in declared(kind)]]
+        raise ParameterError(f'-p {rule}: invalid node {node!r}: must be {", ".join(NODES)}')
+    meant = (
+        [node]
+        if node
+        else [
+            one for one, kind in NODES.items() if name in [known for known, _, _ in declared(kind)]
+        ]
+    )
     if not meant:
         raise ParameterError(f'-p {rule}: no node has a parameter {name}')
     return [(f'/{node or "**"}', one, {name: value}) for one in meant]

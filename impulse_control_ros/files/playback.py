@@ -80,9 +80,14 @@ def in_order(path: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
 
 def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterator[Message]:
     """Yield the messages of one chunk's ``topics`` in the order of time."""
-    messages = [(time, start, size, column) for column in chunk if column.topic in topics
-                for time, start, size in zip(
-                    column.time.tolist(), column.start.tolist(), column.size.tolist(),
-                    strict=True) if time >= start_ns]
+    messages = [
+        (time, start, size, column)
+        for column in chunk
+        if column.topic in topics
+        for time, start, size in zip(
+            column.time.tolist(), column.start.tolist(), column.size.tolist(), strict=True
+        )
+        if time >= start_ns
+    ]
     for time, start, size, column in sorted(messages, key=itemgetter(0, 1)):
-        yield time, column.topic, column.content[start:start + size].tobytes()
+        yield time, column.topic, column.content[start : start + size].tobytes()

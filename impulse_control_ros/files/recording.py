@@ -93,8 +93,12 @@ class Recording:
     def changes(self) -> list[Change]:
         """The changes on the way, by their stamps; also by nodes that begin to act."""
         start = self.states['stamp'][0] if len(self.states) else 0
-        return [change for change in self.history if change.stamp > start or (
-            change.stamp == start and change is not self._first[change.node])]
+        return [
+            change
+            for change in self.history
+            if change.stamp > start
+            or (change.stamp == start and change is not self._first[change.node])
+        ]
 
     @property
     def plant(self) -> list[Change]:
@@ -202,8 +206,10 @@ class _Gathered:
         run = self._about.get('run', '') if self._about is not None else None
         source = choose(every.states, self._joint, run, name)
         if self._topics and not source:
-            raise ValueError(f'no joint_states of joint {self._joint!r} among its topics '
-                             f'{", ".join(sorted(map(self._typed, self._topics)))}')
+            raise ValueError(
+                f'no joint_states of joint {self._joint!r} among its topics '
+                f'{", ".join(sorted(map(self._typed, self._topics)))}'
+            )
         return self._recording_of(one_run(every, source or NO_SOURCE, self._is_ours))
 
     def _recording_of(self, found: OneRun) -> Recording:
@@ -214,11 +220,18 @@ class _Gathered:
             mark_resets(states, changes)
         withdrawn = found.withdrawn.sent
         return Recording(
-            run=run, states=states.rows, commands=commands.rows, impulses=impulses.rows,
+            run=run,
+            states=states.rows,
+            commands=commands.rows,
+            impulses=impulses.rows,
             withdrawn=withdrawn if self._is_ours else placed(states, withdrawn),
-            damping=self._damping.of(found, self._is_ours), history=changes,
-            version=(self._about or {}).get('version', ''), receipt=self._receipt,
-            unread=self._unread, lacks=lacking(found, changes))
+            damping=self._damping.of(found, self._is_ours),
+            history=changes,
+            version=(self._about or {}).get('version', ''),
+            receipt=self._receipt,
+            unread=self._unread,
+            lacks=lacking(found, changes),
+        )
 
     @property
     def _is_ours(self) -> bool:
@@ -246,5 +259,4 @@ def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
     is_reset[1:] = np.diff(states.told(lambda origin: origin.header.episode)) != 0
     # a plant that waits for the wall clock tells its parameters again at its start
     starts = {change.stamp for change in changes if change.is_plant and change.anew}
-    is_reset[0] = (states.stamps[0] in starts if starts
-                   else header == StateHeader(header.run))
+    is_reset[0] = states.stamps[0] in starts if starts else header == StateHeader(header.run)

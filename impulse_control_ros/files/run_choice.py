@@ -65,19 +65,26 @@ def choose(states: Messages, joint: str, run: str | None, name: str) -> Source |
     plant the ``joint``. Raises ValueError for a wrong name, or for too many foreign plants.
     """
     counts = Counter[Source]()
-    for origin, count in zip(states.origins, np.bincount(
-            states.origin, minlength=len(states.origins)).tolist(), strict=True):
+    for origin, count in zip(
+        states.origins,
+        np.bincount(states.origin, minlength=len(states.origins)).tolist(),
+        strict=True,
+    ):
         source = source_of(origin)
         if count and (source.run or source.joint == joint):
             counts[source] += count
-    found = [source for source in counts if source.name == name or (
-        not name and run in (None, source.run))]
+    found = [
+        source
+        for source in counts
+        if source.name == name or (not name and run in (None, source.run))
+    ]
     if name and not found:
         raise ValueError(f'run {name} is not in it; its runs: {named(counts)}')
     found = [source for source in found if source.run] or found
     if len(found) > 1 and not found[0].run:
-        raise ValueError(f'joint {joint!r} has states in the namespaces {named(found)}: '
-                         'choose one with --run')
+        raise ValueError(
+            f'joint {joint!r} has states in the namespaces {named(found)}: choose one with --run'
+        )
     return max(found, key=lambda source: counts[source], default=None)
 
 
@@ -101,7 +108,8 @@ def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
         whole = parts
         parts = [part.where((part.sent >= span[0]) & (part.sent < span[1])) for part in whole]
         others['another part of it, in which time goes back,'] += sum(
-            len(all_of.rows) - len(part.rows) for all_of, part in zip(whole, parts, strict=True))
+            len(all_of.rows) - len(part.rows) for all_of, part in zip(whole, parts, strict=True)
+        )
     states = parts[0].in_order()
     commands, impulses = (part.where(part.stamps > 0) for part in parts[1:])
     commands = counting(commands, states)
@@ -112,8 +120,9 @@ def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
 def of_source(messages: Messages, source: Source) -> Messages:
     """Return the commands or events that may answer the states of a ``source``."""
     if source.run:
-        return messages.of(lambda origin: origin.joint == source.joint and (
-            origin.header.run in (source.run, '')))
+        return messages.of(
+            lambda origin: origin.joint == source.joint and (origin.header.run in (source.run, ''))
+        )
     messages = messages.of(lambda one: one.joint == source.joint and not one.header.run)
     # a controller may be in another namespace than its plant, where there is none in this one
     near = messages.of(lambda origin: origin.namespace == source.namespace)
@@ -135,8 +144,14 @@ def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) ->
         return first, int(later.min(initial=last))
     order = np.argsort(states.sent, kind='stable')
     stamps, sent = states.stamps[order], states.sent[order]
-    starts = [0, *(at for at in (np.flatnonzero(np.diff(stamps) < 0) + 1).tolist()
-                   if len(stamps) - at >= LATE and (stamps[at:at + LATE] < stamps[at - 1]).all())]
+    starts = [
+        0,
+        *(
+            at
+            for at in (np.flatnonzero(np.diff(stamps) < 0) + 1).tolist()
+            if len(stamps) - at >= LATE and (stamps[at : at + LATE] < stamps[at - 1]).all()
+        ),
+    ]
     longest = int(np.argmax(np.diff([*starts, len(stamps)])))
     ends = [first, *sent[starts[1:]].tolist(), last]
     return ends[longest], ends[longest + 1]
@@ -145,8 +160,11 @@ def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) ->
 def counted(messages: Messages, source: Source) -> Counter[str]:
     """Return the number of messages of other runs than ``source``."""
     counts = Counter[str]()
-    for origin, count in zip(messages.origins, np.bincount(
-            messages.origin, minlength=len(messages.origins)).tolist(), strict=True):
+    for origin, count in zip(
+        messages.origins,
+        np.bincount(messages.origin, minlength=len(messages.origins)).tolist(),
+        strict=True,
+    ):
         if origin.header.run and origin.header.run != source.run:
             counts[f'run {origin.header.run}'] += count
         elif not origin.header.run and source.run and isinstance(origin.header, StateHeader):
@@ -162,8 +180,9 @@ def counting(commands: Messages, states: Messages) -> Messages:
     if not run or not (is_strange.any() or (np.diff(commands.stamps) <= 0).any()):
         return commands.in_order()
     numbers = numbers_of(commands, states)
-    author, controller = (messages.told(lambda origin: numbers[origin.node_id])
-                          for messages in (commands, states))
+    author, controller = (
+        messages.told(lambda origin: numbers[origin.node_id]) for messages in (commands, states)
+    )
     after = np.searchsorted(states.stamps, commands.stamps, 'right')
     is_named = author == controller[np.minimum(after, len(controller) - 1)]
     keep = is_named | ~is_strange

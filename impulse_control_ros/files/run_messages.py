@@ -49,14 +49,15 @@ class RowLayout(JointStateLayout):
         return filled(self._message, self._at, values)
 
 
-def filled(message: bytes | bytearray, places: Sequence[tuple[int, str]],
-           values: Sequence[np.ndarray]) -> np.ndarray:
+def filled(
+    message: bytes | bytearray, places: Sequence[tuple[int, str]], values: Sequence[np.ndarray]
+) -> np.ndarray:
     """Return n times `ROOM` free bytes and the ``message``, with ``values`` at their places."""
     rows = np.empty((len(values[0]), ROOM + len(message)), np.uint8)
     rows[:, ROOM:] = np.frombuffer(message, np.uint8)
     for (at, code), value in zip(places, values, strict=True):
         size = np.dtype(code).itemsize
-        rows[:, ROOM + at:ROOM + at + size].view(code)[:, 0] = value
+        rows[:, ROOM + at : ROOM + at + size].view(code)[:, 0] = value
     return rows
 
 
@@ -86,8 +87,15 @@ class RunMessages:
     damping, if it is among them, has a message every ``damping_every`` samples, 0 for none.
     """
 
-    def __init__(self, header: StateHeader, joint: str, channels: Mapping[str, int],
-                 start_ns: int, step_ns: int, damping_every: int) -> None:
+    def __init__(
+        self,
+        header: StateHeader,
+        joint: str,
+        channels: Mapping[str, int],
+        start_ns: int,
+        step_ns: int,
+        damping_every: int,
+    ) -> None:
         self._channels = np.array([channels.get(topic, 0) for topic in ORDER])
         self._start_ns, self._step_ns = start_ns, step_ns
         self._damping_every = damping_every if DAMPING in channels else 0
@@ -95,7 +103,8 @@ class RunMessages:
         self._states = {
             (is_first, is_bare): RowLayout(joint, one.frame_id, fields)
             for is_first, one in ((True, unanswered), (False, header))
-            for is_bare, fields in ((True, WITHOUT_VELOCITY), (False, FIELDS))}
+            for is_bare, fields in ((True, WITHOUT_VELOCITY), (False, FIELDS))
+        }
         frame_ids = [CommandHeader(*header, guard).frame_id for guard in GUARDS]
         self._events = [RowLayout(joint, frame_id) for frame_id in frame_ids]
         self._commands = [RowLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
@@ -104,8 +113,11 @@ class RunMessages:
         """Return the messages of samples: states as measured, dtype STATE, and their ANSWERs."""
         stamp = self._start_ns + states['tick'] * self._step_ns
         time = np.divmod(stamp, SECOND)
-        rows = [*self._state_rows(states, time), *self._answer_rows(states, answers, time),
-                *self._damping_rows(states)]
+        rows = [
+            *self._state_rows(states, time),
+            *self._answer_rows(states, answers, time),
+            *self._damping_rows(states),
+        ]
         content, start, size = placed(rows, len(stamp))
         sample, topic = np.nonzero(size)
         return Block(content, start[sample, topic], self._channels[topic], stamp[sample])
@@ -117,10 +129,16 @@ class RunMessages:
             values = *time, *(states[name] for name in layout.fields)
             yield Rows(STATES, which, layout.encode_rows(*(one[which] for one in values)))
 
-    def _answer_rows(self, states: np.ndarray, answers: np.ndarray, time: tuple[Any, Any]
-                     ) -> Iterator[Rows]:
-        values = (*time, answers['effort'], states['position'], answers['velocity'],
-                  answers['area'])
+    def _answer_rows(
+        self, states: np.ndarray, answers: np.ndarray, time: tuple[Any, Any]
+    ) -> Iterator[Rows]:
+        values = (
+            *time,
+            answers['effort'],
+            states['position'],
+            answers['velocity'],
+            answers['area'],
+        )
         for guard in np.unique(answers['guard']):
             which = np.flatnonzero(answers['guard'] == guard)
             sec, nanosec, effort, *impulse = (one[which] for one in values)
@@ -132,5 +150,8 @@ class RunMessages:
         if self._damping_every:
             due = (states['tick'] % self._damping_every == 0) & (states['tick'] > 0)
             which = np.flatnonzero(due)
-            yield Rows(DAMPINGS, which, filled(
-                encode_float64(0.0), FLOAT64_AT, [states['damping'][which]]))
+            yield Rows(
+                DAMPINGS,
+                which,
+                filled(encode_float64(0.0), FLOAT64_AT, [states['damping'][which]]),
+            )

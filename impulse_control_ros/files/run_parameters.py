@@ -67,15 +67,16 @@ class RunParameters:
         try:
             self._add(column, namespace, schema)
         except Exception as error:  # the library makes code of the schema: it raises anything
-            raise ValueError(f'{column.topic} cannot be decoded: '
-                             f'{" ".join(str(error).split())}') from error
+            raise ValueError(
+                f'{column.topic} cannot be decoded: {" ".join(str(error).split())}'
+            ) from error
 
     def _add(self, column: Column, namespace: str, schema: Schema | None) -> None:
         decode = self._decoders.decoder_for('cdr', schema)
         if not decode:
             return
         for at, size, time in zip(column.start, column.size, column.time, strict=True):
-            raw = column.content[at:at + size].tobytes()
+            raw = column.content[at : at + size].tobytes()
             sec, nanosec, node, values, changed = decode_parameter_event(raw, decode)
             run, node_id = parse_node(node)
             change = Change(sec * SECOND + nanosec, node_id, values, changed)
@@ -94,8 +95,7 @@ class RunParameters:
         told = [one for one in self._told.values() if one.run == run]
         if not run and any(one.namespace == namespace for one in told):
             told = [one for one in told if one.namespace == namespace]
-        return [one.change for one in sorted(
-            told, key=lambda one: (one.change.stamp, one.time))]
+        return [one.change for one in sorted(told, key=lambda one: (one.change.stamp, one.time))]
 
 
 def acting(changes: Sequence[Change], commands: Messages) -> list[Change]:
@@ -106,6 +106,10 @@ def acting(changes: Sequence[Change], commands: Messages) -> list[Change]:
     author of the next of the ``commands``, which are in order.
     """
     at = np.searchsorted(commands.stamps, [change.stamp for change in changes])
-    return [change for change, place in zip(changes, at.tolist(), strict=True)
-            if change.is_plant or place == len(commands.rows)
-            or commands.origins[commands.origin[place]].node_id == change.node_id]
+    return [
+        change
+        for change, place in zip(changes, at.tolist(), strict=True)
+        if change.is_plant
+        or place == len(commands.rows)
+        or commands.origins[commands.origin[place]].node_id == change.node_id
+    ]

@@ -21,8 +21,12 @@ class RunRecording:
     returns the topics from a given number on.
     """
 
-    def __init__(self, plant: Plant, make_bag: Callable[[], BagWriter],
-                 described: Callable[[int], Sequence[Topic]]) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        make_bag: Callable[[], BagWriter],
+        described: Callable[[int], Sequence[Topic]],
+    ) -> None:
         self.run, self.joiner = plant.run, SampleJoiner(plant)
         self.bag: BagWriter | None = None
         self._make_bag, self._described = make_bag, described
@@ -81,8 +85,11 @@ class RunRecording:
         if self.bag is None:
             return ''
         self._add_topics()  # the topics without messages
-        counts = {name: str(value) for name, value in self.joiner.counts.items()
-                  if name != 'states'}
+        counts = {
+            name: str(value) for name, value in self.joiner.counts.items() if name != 'states'
+        }
         self.bag.close({**counts, 'wall_seconds': f'{self._wrote_at - self._began_at:.6f}'})
-        return (f'{self.bag.folder}: {self.bag.count} messages written, {counts["missing"]} '
-                f'missing, {counts["repeated"]} repeats dropped')
+        return (
+            f'{self.bag.folder}: {self.bag.count} messages written, {counts["missing"]} '
+            f'missing, {counts["repeated"]} repeats dropped'
+        )

@@ -56,8 +56,10 @@ class SampleJoiner:
         self._states: deque[tuple[int, str, bytes]] = deque()  # stamp, the controller it names
         self._named = ''  # in the newest copy of the newest state
         is_free = bool(plant.run) and not plant.lockstep
-        self._answers = {COMMANDS: AnswerQueue(plant.run, is_free),
-                         EVENTS: AnswerQueue(plant.run, is_free)}
+        self._answers = {
+            COMMANDS: AnswerQueue(plant.run, is_free),
+            EVENTS: AnswerQueue(plant.run, is_free),
+        }
         self._unstamped = UnstampedQueue()
         self._loose: list[Entry] = []  # belongs to a state without answering it
         self._done = 0  # stamp of the last released state
@@ -143,7 +145,8 @@ class SampleJoiner:
             command, event, waits = self._sample(stamp, states[1][1] if follows else self._named)
             # another copy of the last state will name the controller that was heard
             if (waits or not (follows or self._named or not self.plant.lockstep)) and (
-                    not everything):
+                not everything
+            ):
                 break
             self.reached = max(self.reached, stamp)
             if not (follows or everything):
@@ -177,8 +180,7 @@ class SampleJoiner:
         """Return command and event of a state, and whether to wait for one of them."""
         command, is_lost = self._answers[COMMANDS].find(stamp, named)
         if command is None:
-            needed = self.plant.lockstep or (
-                named != FOREIGN and (named != '' or self._answered))
+            needed = self.plant.lockstep or (named != FOREIGN and (named != '' or self._answered))
             return None, None, needed and not is_lost
         if not command.guard:
             return command, None, False
@@ -191,10 +193,12 @@ class SampleJoiner:
             stamp, named = self._states[0][0], self._states[1][1]
             command, _, _ = self._sample(stamp, named)
             self._answers[EVENTS if command else COMMANDS].give_up(
-                stamp, command.author if command else named)
+                stamp, command.author if command else named
+            )
 
-    def _account(self, stamp: int, command: Answer | None, event: Answer | None, follows: bool
-                 ) -> None:
+    def _account(
+        self, stamp: int, command: Answer | None, event: Answer | None, follows: bool
+    ) -> None:
         """Count a sample and its missing and repeated messages."""
         counts, step = self.counts, self.plant.step_ns
         counts['states'] += 1

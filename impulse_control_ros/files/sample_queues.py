@@ -92,8 +92,9 @@ class AnswerQueue:
         for one in self.waiting.get(stamp, ()):
             if one.author == author or not author:
                 return one, False
-        return None, any(latest > stamp for who, latest in self._latest.items()
-                         if author in ('', who))
+        return None, any(
+            latest > stamp for who, latest in self._latest.items() if author in ('', who)
+        )
 
     def give_up(self, stamp: int, author: str) -> None:
         """Stop expecting an answer of an author to the state of ``stamp``."""
@@ -112,8 +113,11 @@ class AnswerQueue:
         """Drop the answers up to a stamp; returns them with theirs: no state has it."""
         if not self.waiting or next(iter(self.waiting)) > stamp:
             return []
-        return [(early, one.raw) for early in [one for one in self.waiting if one <= stamp]
-                for one in self.waiting.pop(early)]
+        return [
+            (early, one.raw)
+            for early in [one for one in self.waiting if one <= stamp]
+            for one in self.waiting.pop(early)
+        ]
 
 
 class UnstampedQueue:

@@ -29,14 +29,19 @@ from impulse_control_ros.files.cdr import (
 )
 from impulse_control_ros.files.columns import Column
 
-SAMPLE = np.dtype([('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'),
-                   ('is_reset', '?')])
+SAMPLE = np.dtype(
+    [('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'), ('is_reset', '?')]
+)
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
-IMPULSE = np.dtype([('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'),
-                    ('area', 'f8')])
+IMPULSE = np.dtype(
+    [('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]
+)
 DAMPING = np.dtype([('stamp', 'i8'), ('damping', 'f8')])
 NEEDED: dict[np.dtype[Any], Sequence[str]] = {
-    SAMPLE: ('position',), COMMAND: COMMANDED, IMPULSE: FIELDS}
+    SAMPLE: ('position',),
+    COMMAND: COMMANDED,
+    IMPULSE: FIELDS,
+}
 NOT_OURS = -1
 KEPT = 8  # layouts by the size of a message
 # messages to look at for one to be read at once: looking one by one costs that much more
@@ -128,8 +133,14 @@ class Series:
         self._sent.append(column.stamp[known])
         self._origin.append(origin[known])
 
-    def _read(self, namespace: str, which: np.ndarray, content: np.ndarray, rows: np.ndarray,
-              origin: np.ndarray) -> None:
+    def _read(
+        self,
+        namespace: str,
+        which: np.ndarray,
+        content: np.ndarray,
+        rows: np.ndarray,
+        origin: np.ndarray,
+    ) -> None:
         """Fill in the ``rows`` and their ``origin`` from messages of one size."""
         layouts = self._layouts.setdefault((namespace, content.shape[1]), [])
         left, found = np.arange(len(which)), []
@@ -147,7 +158,7 @@ class Series:
             span = left if is_worth_it else left[:1]
             looked_at += len(span)
             good = np.zeros(len(left), bool)
-            good[:len(span)] = self._fill(known, which, content, span, rows, origin)
+            good[: len(span)] = self._fill(known, which, content, span, rows, origin)
             good[0] = True  # what is no message is not looked at again
             if len(found) < KEPT:
                 found.append(known)
@@ -171,14 +182,22 @@ class Series:
             self._origins.append(origin)
         return layout, self._numbers[origin]
 
-    def _fill(self, known: Known, which: np.ndarray, content: np.ndarray, left: np.ndarray,
-              rows: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def _fill(
+        self,
+        known: Known,
+        which: np.ndarray,
+        content: np.ndarray,
+        left: np.ndarray,
+        rows: np.ndarray,
+        origin: np.ndarray,
+    ) -> np.ndarray:
         """Return which of those ``left`` have a layout, shape (n,); fills in what they hold."""
         layout, number = known
         if layout is None:
             return np.zeros(len(left), bool)
         good, sec, nanosec, *values = layout.decode_rows(
-            content if len(left) == len(content) else content[left])
+            content if len(left) == len(content) else content[left]
+        )
         if number == NOT_OURS or not good.any():
             return good
         at = which[left[good]]
@@ -210,4 +229,4 @@ def first_joint(raw: bytes) -> tuple[int, str]:
     if len(raw) < at + 8:
         return 0, ''
     count, size = struct.unpack_from('<II', raw, at)
-    return count, raw[at + 8:at + 7 + size].decode(errors='replace')
+    return count, raw[at + 8 : at + 7 + size].decode(errors='replace')

@@ -15,8 +15,10 @@ def shipped_experiment(name: str) -> Path:
     above the package once that is installed. Raises `ParameterError` when there is none.
     """
     package = Path(__file__).resolve().parents[1]
-    folders = [package.parent / 'config',
-               *(prefix / 'share' / PACKAGE / 'config' for prefix in package.parents)]
+    folders = [
+        package.parent / 'config',
+        *(prefix / 'share' / PACKAGE / 'config' for prefix in package.parents),
+    ]
     for folder in folders:
         if (folder / f'{name}.yaml').is_file():
             return folder / f'{name}.yaml'

@@ -44,16 +44,18 @@ def read_study(path: str | Path) -> Study:
         for key in content:
             if key not in KEYS:
                 near = get_close_matches(str(key), KEYS, 1) or [', '.join(KEYS)]
-                raise ParameterError(f'{key}: a study has no such key; '
-                                     f'is {near[0]} meant?')
+                raise ParameterError(f'{key}: a study has no such key; is {near[0]} meant?')
         experiment = read_experiment(experiment_file(path, content.get('experiment')))
         given = {'duration': experiment.plant_simulator.duration} | {
-            key: content[key] for key in EXTENT if key in content}
+            key: content[key] for key in EXTENT if key in content
+        }
         return Study(
             axis=part(Axis, experiment.plant_simulator),
-            controller=part(Controller, experiment.controller), extent=build(Extent, given),
+            controller=part(Controller, experiment.controller),
+            extent=build(Extent, given),
             tolerances=tolerances_of(content.get('tolerances', [1e-2, 1e-3])),
-            vary=laws_of(content.get('vary')))
+            vary=laws_of(content.get('vary')),
+        )
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
 
@@ -79,8 +81,11 @@ def part(kind: type[KIND], whole: Parameters) -> KIND:
 
 def tolerances_of(given: Any) -> tuple[float, ...]:
     """Return the tolerances, or raise."""
-    if not isinstance(given, list) or len(set(map(str, given))) < len(given) or not all(
-            type(item) in (float, int) and 0.0 < item < 1e300 for item in given):
+    if (
+        not isinstance(given, list)
+        or len(set(map(str, given))) < len(given)
+        or not all(type(item) in (float, int) and 0.0 < item < 1e300 for item in given)
+    ):
         raise refusal('tolerances', given, 'a list of different numbers > 0 [m]')
     return tuple(float(item) for item in given)
 

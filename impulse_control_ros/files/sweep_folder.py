@@ -56,8 +56,9 @@ class SweepFolder:
         except UNREADABLE as error:
             if isinstance(error, ParameterError):
                 raise
-            raise ParameterError(f'{self.result} is not the result of a sweep: choose another '
-                                 '--out or move it away') from None
+            raise ParameterError(
+                f'{self.result} is not the result of a sweep: choose another --out or move it away'
+            ) from None
         return True
 
     @contextmanager
@@ -97,8 +98,7 @@ class SweepFolder:
     def save(self, number: int, columns: Mapping[str, np.ndarray]) -> None:
         """Save a chunk."""
         table = pa.table({name: pa.array(columns[name]) for name in self._units})
-        fields = [field.with_metadata({'unit': self._units[field.name]})
-                  for field in table.schema]
+        fields = [field.with_metadata({'unit': self._units[field.name]}) for field in table.schema]
         table = table.cast(pa.schema(fields, {KEY: self._identity}))
         self._parts.mkdir(exist_ok=True)
         with replaced(self._part(number)) as path:
@@ -123,9 +123,15 @@ class SweepFolder:
     def column(self, name: str) -> np.ndarray:
         """Return a column of the result; raises `SweepError` where it is damaged."""
         try:
-            return np.asarray(pq.read_table(
-                self.result, columns=[name], use_threads=False, pre_buffer=False,
-                page_checksum_verification=True)[name])
+            return np.asarray(
+                pq.read_table(
+                    self.result,
+                    columns=[name],
+                    use_threads=False,
+                    pre_buffer=False,
+                    page_checksum_verification=True,
+                )[name]
+            )
         except UNREADABLE as error:
             raise SweepError(f'{self.result}: {" ".join(str(error).split())}') from None
 
@@ -139,7 +145,8 @@ class SweepFolder:
         if there.decode() != self._identity:
             raise ParameterError(
                 f'{self.path} holds another study ({difference(there.decode(), self._identity)})'
-                ': choose another --out or move it away')
+                ': choose another --out or move it away'
+            )
 
 
 def read_part(path: Path) -> pa.Table:

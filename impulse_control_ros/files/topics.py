@@ -18,8 +18,12 @@ DIAGNOSTICS = '/diagnostics'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FLOAT64 = 'std_msgs/msg/Float64'
 # every bag has these topics, in this order; their messages begin with a stamp
-SERIES = {JOINT_STATES: JOINT_STATE, IMPULSE_EVENTS: JOINT_STATE, JOINT_COMMANDS: JOINT_STATE,
-          RUN_PARAMETERS: PARAMETER_EVENT}
+SERIES = {
+    JOINT_STATES: JOINT_STATE,
+    IMPULSE_EVENTS: JOINT_STATE,
+    JOINT_COMMANDS: JOINT_STATE,
+    RUN_PARAMETERS: PARAMETER_EVENT,
+}
 
 SERIES_DEPTH = 4000  # a joined recorder may be WINDOW states behind: none is overwritten
 SLOW_DEPTH = 100
@@ -28,11 +32,17 @@ FOR_EVER = {'sec': 9223372036, 'nsec': 854775807}
 
 def offered(depth: int = SERIES_DEPTH, latched: bool = False) -> Mapping[str, Any]:
     """Return the nine keys of rosbag2's ``offered_qos_profiles``, version 9, of a writer."""
-    return {'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
-            'durability': 'transient_local' if latched else 'volatile',
-            'deadline': dict(FOR_EVER), 'lifespan': dict(FOR_EVER), 'liveliness': 'automatic',
-            'liveliness_lease_duration': dict(FOR_EVER),
-            'avoid_ros_namespace_conventions': False}
+    return {
+        'history': 'keep_last',
+        'depth': depth,
+        'reliability': 'reliable',
+        'durability': 'transient_local' if latched else 'volatile',
+        'deadline': dict(FOR_EVER),
+        'lifespan': dict(FOR_EVER),
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': dict(FOR_EVER),
+        'avoid_ros_namespace_conventions': False,
+    }
 
 
 def offered_on(topic: str) -> Mapping[str, Any]:

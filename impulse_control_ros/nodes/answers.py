@@ -38,10 +38,12 @@ class Answers:
         frame_ids = [CommandHeader(run, episode, self._own_id, guard).frame_id for guard in GUARDS]
         self._events, self._commands = (
             [verified_layout(self._joint, frame_id, fields) for frame_id in frame_ids]
-            for fields in (FIELDS, COMMANDED))
+            for fields in (FIELDS, COMMANDED)
+        )
 
-    def tell_parameters(self, sec: int, nanosec: int, parameters: Mapping[str, Any],
-                        changed: Mapping[str, Any]) -> None:
+    def tell_parameters(
+        self, sec: int, nanosec: int, parameters: Mapping[str, Any], changed: Mapping[str, Any]
+    ) -> None:
         """Publish the parameters that take effect at the state of this stamp."""
         node = NodeHeader(self._run, self._own_id).frame_id
         self.parameters.send(encode_parameter_event(sec, nanosec, node, parameters, changed))
@@ -53,8 +55,9 @@ class Answers:
         self.sent += 1
         self.commands.send(command)
 
-    def send_impulse(self, sec: int, nanosec: int, effort: float, guard: int,
-                     *impulse: float) -> None:
+    def send_impulse(
+        self, sec: int, nanosec: int, effort: float, guard: int, *impulse: float
+    ) -> None:
         """Publish an ``impulse`` (position, velocity, area) of a guard, and its command."""
         event = self._events[guard].encode(sec, nanosec, *impulse)
         command = self._commands[guard].encode(sec, nanosec, effort)

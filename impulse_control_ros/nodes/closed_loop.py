@@ -46,8 +46,10 @@ class ClosedLoop:
 
     def make_plant(self, record: bool) -> PlantSimulator:
         """Make the plant; it waits for the recorder if there is one."""
-        self._plant = PlantSimulator(composed=True, parameter_overrides=[
-            Parameter('wait_for_recorder', Parameter.Type.BOOL, record)])
+        self._plant = PlantSimulator(
+            composed=True,
+            parameter_overrides=[Parameter('wait_for_recorder', Parameter.Type.BOOL, record)],
+        )
         return self._plant
 
     def make_controller(self) -> Controller:
@@ -61,10 +63,15 @@ class ClosedLoop:
     def make_recorder(self) -> Recorder:
         """Make the recorder of everything that the two publish."""
         plant, answers = self._plant.outputs, self._controller.answers
-        recorder = Recorder(outputs={
-            JOINT_STATES: [plant.states], IMPULSE_EVENTS: [answers.events],
-            JOINT_COMMANDS: [answers.commands], DAMPING: [plant.damping],
-            RUN_PARAMETERS: [plant.parameters, answers.parameters]})
+        recorder = Recorder(
+            outputs={
+                JOINT_STATES: [plant.states],
+                IMPULSE_EVENTS: [answers.events],
+                JOINT_COMMANDS: [answers.commands],
+                DAMPING: [plant.damping],
+                RUN_PARAMETERS: [plant.parameters, answers.parameters],
+            }
+        )
         recorder.progress.connect(self._plant.on_progress)
         return recorder
 
@@ -123,14 +130,29 @@ def main(stop: StopRequest) -> int:
 
     def makers(options: argparse.Namespace) -> list[Maker]:
         # rcl would silently ignore a node that is not one of the three
-        read_experiment(*(path for flag, path in zip(sys.argv, sys.argv[1:], strict=False)
-                          if flag == '--params-file'))
+        read_experiment(
+            *(
+                path
+                for flag, path in zip(sys.argv, sys.argv[1:], strict=False)
+                if flag == '--params-file'
+            )
+        )
         record = not options.no_recorder
-        return [lambda: loop.make_plant(record), loop.make_controller,
-                *[loop.make_recorder] * record]
+        return [
+            lambda: loop.make_plant(record),
+            loop.make_controller,
+            *[loop.make_recorder] * record,
+        ]
 
     try:
-        return run_nodes(stop, 'closed_loop', 'Plant, controller and recorder in one process.',
-                         makers, 'controller:K:=12.0', add_options, loop.run_slice)
+        return run_nodes(
+            stop,
+            'closed_loop',
+            'Plant, controller and recorder in one process.',
+            makers,
+            'controller:K:=12.0',
+            add_options,
+            loop.run_slice,
+        )
     finally:
         loop.close()

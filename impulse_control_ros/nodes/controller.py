@@ -51,7 +51,8 @@ class Controller(ManagedNode):
         self.answers = Answers(self, self.id, self.parameters.joint_name)
         self._law = SampledController(self.parameters)
         self._reader = JointStateReader(
-            self.parameters.joint_name, parse_state, ('position',), ('velocity',))
+            self.parameters.joint_name, parse_state, ('position',), ('velocity',)
+        )
         self._seen = b''
         self.active_other = ''
         self._untold: dict[str, Any] | None = None
@@ -61,9 +62,11 @@ class Controller(ManagedNode):
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         if not composed:
             self.create_subscription(
-                ParameterEvent, RUN_PARAMETERS, self.plants.on_event, LATCHED_QOS, raw=True)
+                ParameterEvent, RUN_PARAMETERS, self.plants.on_event, LATCHED_QOS, raw=True
+            )
             self.create_subscription(
-                JointState, JOINT_STATES, self.on_state, LOCKSTEP_QOS, raw=True)
+                JointState, JOINT_STATES, self.on_state, LOCKSTEP_QOS, raw=True
+            )
         self._report = ControllerReport(self)
         if self.parameters.managed:
             self.manage()
@@ -81,7 +84,8 @@ class Controller(ManagedNode):
                 self._require_measured(position, velocity)
             stamp = sec * SECOND + nanosec
             if not self.states.follows(header, stamp) and (
-                    not self._is_to_answer(header, stamp, raw)):
+                not self._is_to_answer(header, stamp, raw)
+            ):
                 return
         except UnreadableError as error:
             self._reject(raw, error)
@@ -122,8 +126,10 @@ class Controller(ManagedNode):
             return False
         if reply is Reply.ANSWER_AFRESH:
             if stamp < last and self.states.run == before:
-                self.get_logger().info(f'joint_states stamps went back from {seconds(last)} s to '
-                                       f'{seconds(stamp)} s: memory cleared')
+                self.get_logger().info(
+                    f'joint_states stamps went back from {seconds(last)} s to '
+                    f'{seconds(stamp)} s: memory cleared'
+                )
             self.rate.begin(stamp, self.answers.sent, last)
             self._begin(header, stamp)
         elif reply is not Reply.ANSWER:
@@ -152,8 +158,9 @@ class Controller(ManagedNode):
         self.answers.address(header.run, header.episode)
         self._untold = {}
         if self.active_other:
-            self.get_logger().info(f'taking over at {seconds(stamp)} s: '
-                                   f'{name_of(self.active_other)} is silent')
+            self.get_logger().info(
+                f'taking over at {seconds(stamp)} s: {name_of(self.active_other)} is silent'
+            )
             self.active_other = ''
 
     def _pass_over(self, reply: Reply, header: StateHeader) -> None:
@@ -169,7 +176,8 @@ class Controller(ManagedNode):
                 self.active_other = header.controller
                 self.timeout.forget()
                 self.get_logger().info(
-                    f'{name_of(header.controller)} is the active controller: standing by')
+                    f'{name_of(header.controller)} is the active controller: standing by'
+                )
         elif reply is Reply.OTHER_RUN:
             self._report.counts['other_run'] += 1
             self._report.ignore(header)
@@ -185,7 +193,8 @@ class Controller(ManagedNode):
 
     def _on_setpoint(self, message: Float64) -> None:
         result = self.set_parameters_atomically(
-            [Parameter('x_r', Parameter.Type.DOUBLE, message.data)])
+            [Parameter('x_r', Parameter.Type.DOUBLE, message.data)]
+        )
         if not result.successful:
             self.get_logger().error(f'setpoint: {result.reason}')
 
@@ -207,8 +216,12 @@ class Controller(ManagedNode):
         """Command 0 N if states stop arriving from a plant that does not wait for commands."""
         timeout, now = self.parameters.state_timeout, monotonic()
         self.states.silence.look(now)
-        if not (timeout and self.active and self.states.is_answering
-                and self.plants.run_freely(self.states.run)):
+        if not (
+            timeout
+            and self.active
+            and self.states.is_answering
+            and self.plants.run_freely(self.states.run)
+        ):
             return IDLE
         was_deserted = self.timeout.deserted
         if self.timeout.is_due(self.answers.sent, now, timeout):
@@ -230,5 +243,9 @@ class Controller(ManagedNode):
 def main(stop: StopRequest) -> int:
     """Run the node."""
     return run_node(
-        stop, 'controller', 'PD and impulses: answers joint_states with joint_commands.',
-        lambda _: [Controller], 'K:=12.0')
+        stop,
+        'controller',
+        'PD and impulses: answers joint_states with joint_commands.',
+        lambda _: [Controller],
+        'K:=12.0',
+    )

@@ -18,7 +18,8 @@ class ControllerReport:
 
     def __init__(self, controller: Any) -> None:
         self.counts = dict.fromkeys(
-            ('repeated', 'standby', 'other_run', 'rejected', 'withheld'), 0)
+            ('repeated', 'standby', 'other_run', 'rejected', 'withheld'), 0
+        )
         self._ignored: set[str] = set()  # the runs of other plants
         self._controller, self._logger = controller, controller.get_logger()
         Diagnostics(controller, self._progress, self._report)
@@ -32,14 +33,17 @@ class ControllerReport:
         if header.run not in self._ignored:
             self._ignored.add(header.run)
             self._logger.warning(
-                f'ignoring the states of a second plant (run {header.run or "unknown"})')
+                f'ignoring the states of a second plant (run {header.run or "unknown"})'
+            )
 
     def withhold(self, effort: float, largest: float, position: float, velocity: float) -> None:
         """Log that an ``effort`` [N] above the ``largest`` allowed one is not sent."""
         self.counts['withheld'] += 1
         self._logger.error(
             f'effort {effort:g} N at position {position:g} m, velocity {velocity:g} m/s exceeds '
-            f'{largest:g} N: sending 0 N', throttle_duration_sec=5.0)
+            f'{largest:g} N: sending 0 N',
+            throttle_duration_sec=5.0,
+        )
 
     def _progress(self) -> tuple[int, float]:
         answers, parameters = self._controller.answers, self._controller.parameters
@@ -54,14 +58,34 @@ class ControllerReport:
         if states.run == '' and controller.count_publishers(JOINT_COMMANDS) > 1:
             self._logger.warning(
                 f'several controllers publish {JOINT_COMMANDS}, and a foreign plant applies all '
-                'of them: stop all but one', throttle_duration_sec=20.0)
+                'of them: stop all but one',
+                throttle_duration_sec=20.0,
+            )
         is_bad = counts['withheld'] or controller.timeout.deserted or wrong
-        level = (DiagnosticStatus.ERROR if is_bad
-                 else DiagnosticStatus.WARN if counts['rejected'] else DiagnosticStatus.OK)
+        level = (
+            DiagnosticStatus.ERROR
+            if is_bad
+            else DiagnosticStatus.WARN
+            if counts['rejected']
+            else DiagnosticStatus.OK
+        )
         message = wrong or (
-            'not active' if not controller.active else 'answering' if rate else
-            f'standing by for {name_of(other)}' if other else 'waiting for states')
-        return level, message, {
-            'answered': answers.sent, 'impulses': answers.impulses, **counts,
-            'lost': controller.rate.lost(states.stamp, answers.sent),
-            'x_r': controller.parameters.x_r}
+            'not active'
+            if not controller.active
+            else 'answering'
+            if rate
+            else f'standing by for {name_of(other)}'
+            if other
+            else 'waiting for states'
+        )
+        return (
+            level,
+            message,
+            {
+                'answered': answers.sent,
+                'impulses': answers.impulses,
+                **counts,
+                'lost': controller.rate.lost(states.stamp, answers.sent),
+                'x_r': controller.parameters.x_r,
+            },
+        )

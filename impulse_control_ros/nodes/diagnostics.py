@@ -19,8 +19,12 @@ class Diagnostics:
     are added. The timer uses the steady clock, so simulated time does not stop it.
     """
 
-    def __init__(self, node: Node, progress: Callable[[], tuple[int, float]],
-                 report: Callable[[float], tuple[bytes, str, Mapping[str, object]]]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        progress: Callable[[], tuple[int, float]],
+        report: Callable[[float], tuple[bytes, str, Mapping[str, object]]],
+    ) -> None:
         self._node, self._progress, self._report = node, progress, report
         self._before = (monotonic(), *progress())
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, SLOW_QOS)
@@ -28,17 +32,24 @@ class Diagnostics:
 
     def _publish(self) -> None:
         before, self._before = self._before, (monotonic(), *self._progress())
-        wall, steps, seconds = (now - then for now, then in zip(
-            self._before, before, strict=True))
+        wall, steps, seconds = (now - then for now, then in zip(self._before, before, strict=True))
         rate = max(0.0, steps / wall)  # a new run starts from zero
         level, message, values = self._report(rate)
-        rates = {'steps': self._before[1], 'steps_per_second': f'{rate:.1f}',
-                 'real_time_factor': f'{max(0.0, seconds / wall):.3f}'}
+        rates = {
+            'steps': self._before[1],
+            'steps_per_second': f'{rate:.1f}',
+            'real_time_factor': f'{max(0.0, seconds / wall):.3f}',
+        }
         status = DiagnosticStatus(
-            level=level, name=self._node.get_fully_qualified_name(), message=message,
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            message=message,
             hardware_id='impulse_control_ros',
-            values=[KeyValue(key=key, value=str(value))
-                    for key, value in (rates | dict(values)).items()])
+            values=[
+                KeyValue(key=key, value=str(value))
+                for key, value in (rates | dict(values)).items()
+            ],
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = Clock().now().to_msg()
         self._publisher.publish(array)

@@ -25,8 +25,9 @@ class MiddlewareError(Exception):
     """A middleware that encodes messages differently."""
 
 
-def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence[str] = ()
-               ) -> tuple[Any, ...]:
+def decode_any(
+    raw: bytes, joint: str, fields: Sequence[str], optional: Sequence[str] = ()
+) -> tuple[Any, ...]:
     """
     Decode any JointState: of several joints, in another byte order, with any frame_id.
 
@@ -45,8 +46,12 @@ def decode_any(raw: bytes, joint: str, fields: Sequence[str], optional: Sequence
     for field in wanted:
         if field not in empty and len(getattr(message, field)) <= at:
             raise UnreadableError(f'no {field} of joint {joint!r}')
-    return (message.header.frame_id, stamp.sec, stamp.nanosec,
-            *(math.nan if field in empty else getattr(message, field)[at] for field in wanted))
+    return (
+        message.header.frame_id,
+        stamp.sec,
+        stamp.nanosec,
+        *(math.nan if field in empty else getattr(message, field)[at] for field in wanted),
+    )
 
 
 class JointStateReader:
@@ -56,8 +61,13 @@ class JointStateReader:
     A message with a known frame_id and layout is read by that layout, 30 times as fast.
     """
 
-    def __init__(self, joint: str, parse: Callable[[str], Any], fields: Sequence[str],
-                 optional: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        joint: str,
+        parse: Callable[[str], Any],
+        fields: Sequence[str],
+        optional: Sequence[str] = (),
+    ) -> None:
         self._joint, self._parse = joint, parse
         self._fields, self._optional = tuple(fields), tuple(optional)
         self._known: dict[bytes, Known] = {}
@@ -72,7 +82,7 @@ class JointStateReader:
     def _read_other(self, raw: bytes) -> tuple[Any, tuple[Any, ...]]:
         """Read a message with another layout than the last; may raise `UnreadableError`."""
         size = raw[FRAME_ID_AT] if len(raw) > FRAME_ID_AT else 0
-        key = raw[FRAME_ID_AT:FRAME_ID_AT + 4 + size]
+        key = raw[FRAME_ID_AT : FRAME_ID_AT + 4 + size]
         known = self._known.get(key)
         if known:
             header, decode, pick = known
@@ -97,16 +107,18 @@ class JointStateReader:
         if layout is None or not all(field in layout.fields for field in wanted):
             return lambda raw: None, tuple
         return layout.decode, itemgetter(
-            0, 1, *(2 + layout.fields.index(field) for field in wanted))
+            0, 1, *(2 + layout.fields.index(field) for field in wanted)
+        )
 
 
-def verified_layout(joint: str, frame_id: str, fields: Sequence[str] = FIELDS
-                    ) -> JointStateLayout:
+def verified_layout(joint: str, frame_id: str, fields: Sequence[str] = FIELDS) -> JointStateLayout:
     """Return a layout to write with; raises `MiddlewareError` if rclpy reads it differently."""
     layout = JointStateLayout(joint, frame_id, fields)
-    values = PROBE[:len(fields)]
+    values = PROBE[: len(fields)]
     raw = layout.encode(7, 999_999_999, *values)
     if decode_any(raw, joint, fields) != (frame_id, 7, 999_999_999, *values):
-        raise MiddlewareError('this middleware does not encode JointState as little-endian CDR: '
-                              'set RMW_IMPLEMENTATION=rmw_fastrtps_cpp')
+        raise MiddlewareError(
+            'this middleware does not encode JointState as little-endian CDR: '
+            'set RMW_IMPLEMENTATION=rmw_fastrtps_cpp'
+        )
     return layout

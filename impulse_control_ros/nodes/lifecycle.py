@@ -28,8 +28,9 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         change = self._service_change_state
         change.callback = partial(self._change_or_refuse, change.callback)
 
-    def _change_or_refuse(self, change: Callable[[Any, Any], Any], request: Any, response: Any
-                          ) -> Any:
+    def _change_or_refuse(
+        self, change: Callable[[Any, Any], Any], request: Any, response: Any
+    ) -> Any:
         """Change the state; an invalid change would end the node of rclpy 7."""
         try:
             return change(request, response)

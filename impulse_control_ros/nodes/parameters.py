@@ -29,16 +29,24 @@ from impulse_control_ros.core.parameter import (
 )
 from impulse_control_ros.files.experiment import is_foreign
 
-TYPES = {float: Parameter.Type.DOUBLE, int: Parameter.Type.INTEGER, bool: Parameter.Type.BOOL,
-         str: Parameter.Type.STRING, tuple: Parameter.Type.STRING_ARRAY}
+TYPES = {
+    float: Parameter.Type.DOUBLE,
+    int: Parameter.Type.INTEGER,
+    bool: Parameter.Type.BOOL,
+    str: Parameter.Type.STRING,
+    tuple: Parameter.Type.STRING_ARRAY,
+}
 
 
 def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
     """Return what `ros2 param describe` shows."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     made = ParameterDescriptor(
-        type=TYPES[type(default)].value, description=spec.description + unit,
-        additional_constraints=spec.allowed(type(default)), read_only=spec.read_only)
+        type=TYPES[type(default)].value,
+        description=spec.description + unit,
+        additional_constraints=spec.allowed(type(default)),
+        read_only=spec.read_only,
+    )
     if spec.lower is not None or spec.upper is not None:
         largest = sys.float_info.max if isinstance(default, float) else 2**63 - 1
         lower = -largest if spec.lower is None else spec.lower
@@ -79,21 +87,32 @@ class ParameterNode(Node):
 
     def _declare(self) -> Any:
         # rclpy does not declare an empty list override, which has no type
-        given = {name: () if item.value is None else item.value
-                 for name, item in self._parameter_overrides.items() if not is_foreign(name)}
+        given = {
+            name: () if item.value is None else item.value
+            for name, item in self._parameter_overrides.items()
+            if not is_foreign(name)
+        }
         values = build(self._kind, given)
         for name, default, spec in declared(self._kind):
             value = values.flat()[name]
-            self.declare_parameter(name, list(value) if isinstance(value, tuple) else value,
-                                   descriptor(default, spec), ignore_override=True)
+            self.declare_parameter(
+                name,
+                list(value) if isinstance(value, tuple) else value,
+                descriptor(default, spec),
+                ignore_override=True,
+            )
         return values
 
     def _merged(self, parameters: Iterable[Parameter]) -> Any:
         ours = {item.name: item.value for item in parameters if not is_foreign(item.name)}
         for name, _, spec in declared(self._kind):
             if spec.read_only and name in ours:
-                raise refusal(name, ours[name], f'{self.parameters.flat()[name]!r}: read-only, '
-                              'it is set where the node is started')
+                raise refusal(
+                    name,
+                    ours[name],
+                    f'{self.parameters.flat()[name]!r}: read-only, '
+                    'it is set where the node is started',
+                )
         return build(self._kind, self.parameters.flat() | ours)
 
     def _refuse(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -105,8 +124,9 @@ class ParameterNode(Node):
 
     def _apply(self, parameters: list[Parameter]) -> None:
         before, self.parameters = self.parameters.flat(), self._merged(parameters)
-        changed = {name: value for name, value in self.parameters.flat().items()
-                   if value != before[name]}
+        changed = {
+            name: value for name, value in self.parameters.flat().items() if value != before[name]
+        }
         if changed:
             self.parameters_changed(changed)
 
@@ -119,7 +139,11 @@ class ParameterNode(Node):
             merged = self._merged(parameter_list).flat()
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return super().set_parameters_atomically([
-            item if is_foreign(item.name)
-            else Parameter(item.name, TYPES[type(merged[item.name])], merged[item.name])
-            for item in parameter_list])
+        return super().set_parameters_atomically(
+            [
+                item
+                if is_foreign(item.name)
+                else Parameter(item.name, TYPES[type(merged[item.name])], merged[item.name])
+                for item in parameter_list
+            ]
+        )

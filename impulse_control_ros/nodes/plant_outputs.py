@@ -40,21 +40,33 @@ class PlantOutputs:
         self._clock_every = samples_between(parameters.clock_rate, parameters.time_step)
         self._damping_every = parameters.damping_every
 
-    def tell_parameters(self, run: str, stamp: tuple[int, int], parameters: Mapping[str, Any],
-                        changed: Mapping[str, Any]) -> None:
+    def tell_parameters(
+        self,
+        run: str,
+        stamp: tuple[int, int],
+        parameters: Mapping[str, Any],
+        changed: Mapping[str, Any],
+    ) -> None:
         """Publish the parameters that take effect at the state of this stamp."""
         node = NodeHeader(run, self._name).frame_id
         self.parameters.send(encode_parameter_event(*stamp, node, parameters, changed))
 
-    def send_state(self, header: StateHeader, stamp: tuple[int, int], position: float,
-                   velocity: float, effort: float) -> None:
+    def send_state(
+        self,
+        header: StateHeader,
+        stamp: tuple[int, int],
+        position: float,
+        velocity: float,
+        effort: float,
+    ) -> None:
         """Publish a state; a velocity of nan (not measured) is left empty."""
         self._last = stamp, position, velocity, effort
         if header is not self._header:
             self._header = header
             self._layout, self._layout_without_velocity = (
                 verified_layout(self._joint, header.frame_id, *fields)
-                for fields in ((), (WITHOUT_VELOCITY,)))
+                for fields in ((), (WITHOUT_VELOCITY,))
+            )
         if math.isnan(velocity):
             raw = self._layout_without_velocity.encode(*stamp, position, effort)
         else:

@@ -27,7 +27,8 @@ class PlantReport:
         """Note and log the first state."""
         self._began = self._moving_since = now
         self._plant.get_logger().info(
-            f'running from {self._plant.clock.seconds()} s (run {self._plant.run})')
+            f'running from {self._plant.clock.seconds()} s (run {self._plant.run})'
+        )
 
     def waiting_for(self, what: str, now: float) -> None:
         """Log from time to time who is missing."""
@@ -54,12 +55,18 @@ class PlantReport:
         """Log a summary of the run."""
         plant, wall = self._plant, monotonic() - self._began
         simulated = plant.clock.elapsed
-        counts = ', '.join(f'{value} {name}' for name, value in (
-            {'steps': plant.clock.tick} | self._counts
-            | {'missed deadlines': plant.pacer.missed}).items())
+        counts = ', '.join(
+            f'{value} {name}'
+            for name, value in (
+                {'steps': plant.clock.tick}
+                | self._counts
+                | {'missed deadlines': plant.pacer.missed}
+            ).items()
+        )
         plant.get_logger().info(
             f'{what} at {plant.clock.seconds()} s: {simulated:g} s in {wall:.3f} s of wall '
-            f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}')
+            f'time ({simulated / max(wall, 1e-9):.2f} times real time); {counts}'
+        )
 
     @property
     def _counts(self) -> dict[str, int]:
@@ -78,15 +85,29 @@ class PlantReport:
         for name in troubles.keys() - self._known:
             plant.get_logger().warning(troubles[name])
         self._known = set(troubles)
-        held = [name for name, holds in (
-            ('a command', arbiter.awaiting), ('resume', plant.control.paused),
-            ('a recorder', not plant.recorders.may_step)) if holds]
+        held = [
+            name
+            for name, holds in (
+                ('a command', arbiter.awaiting),
+                ('resume', plant.control.paused),
+                ('a recorder', not plant.recorders.may_step),
+            )
+            if holds
+        ]
         message = 'running' if rate else 'waiting for ' + (' and '.join(held) or 'peers')
         level = DiagnosticStatus.OK if rate and not troubles else DiagnosticStatus.WARN
-        return level, '; '.join((message, *troubles.values())), {
-            'run': plant.run, 'controller': arbiter.header.controller,
-            'recorders': len(plant.recorders), 'missed_deadlines': plant.pacer.missed,
-            **plant.pacer.report(), **self._counts}
+        return (
+            level,
+            '; '.join((message, *troubles.values())),
+            {
+                'run': plant.run,
+                'controller': arbiter.header.controller,
+                'recorders': len(plant.recorders),
+                'missed_deadlines': plant.pacer.missed,
+                **plant.pacer.report(),
+                **self._counts,
+            },
+        )
 
     def _troubles(self, rate: float) -> dict[str, str]:
         """Return the problems of a run at ``rate`` samples per wall second, by name."""
@@ -97,9 +118,20 @@ class PlantReport:
         accepted, self._accepted_before = self._accepted_before, plant.arbiter.counts['accepted']
         wanted = plant.parameters.real_time_factor
         free = not plant.parameters.lockstep
-        return {name: text for name, is_so, text in (
-            ('unheard', free and rate > 0 and self._accepted_before == accepted,
-             f'no command for 1 s at {plant.clock.seconds()} s: '
-             f'holding {plant.arbiter.effort:g} N'),
-            ('slow', 0.0 < factor < 0.9 * wanted and now > self._moving_since + SETTLE,
-             f'too slow: {factor:.2f} times real time, real_time_factor = {wanted:g}')) if is_so}
+        return {
+            name: text
+            for name, is_so, text in (
+                (
+                    'unheard',
+                    free and rate > 0 and self._accepted_before == accepted,
+                    f'no command for 1 s at {plant.clock.seconds()} s: '
+                    f'holding {plant.arbiter.effort:g} N',
+                ),
+                (
+                    'slow',
+                    0.0 < factor < 0.9 * wanted and now > self._moving_since + SETTLE,
+                    f'too slow: {factor:.2f} times real time, real_time_factor = {wanted:g}',
+                ),
+            )
+            if is_so
+        }

@@ -54,8 +54,9 @@ class PlantSimulator(ParameterNode):
         super().__init__('plant_simulator', PlantParameters, **options)
         parameters = self.parameters
         self.run = new_run()
-        self.clock = SampleClock(parameters.start_ns(time_ns()),
-                                 nanoseconds(parameters.time_step, 'time_step'))
+        self.clock = SampleClock(
+            parameters.start_ns(time_ns()), nanoseconds(parameters.time_step, 'time_step')
+        )
         self.axis = SimulatedAxis(parameters)
         self.outputs = PlantOutputs(self, parameters.joint_name)
         self.arbiter = CommandArbiter(self.run, parameters.lockstep, monotonic())
@@ -73,8 +74,7 @@ class PlantSimulator(ParameterNode):
             # without lockstep a lost command, such as the final 0 N, is not sent again
             qos = LOCKSTEP_QOS if parameters.lockstep else SERIES_QOS
             self.create_subscription(JointState, JOINT_COMMANDS, self.on_command, qos, raw=True)
-        self.create_subscription(
-            Header, RECORDER_PROGRESS, self.on_progress, SLOW_QOS, raw=True)
+        self.create_subscription(Header, RECORDER_PROGRESS, self.on_progress, SLOW_QOS, raw=True)
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Publish the new parameters, and use them from the next sample on."""
@@ -89,8 +89,7 @@ class PlantSimulator(ParameterNode):
 
     def _tell_parameters(self, changed: dict[str, Any]) -> None:
         self._announced = True
-        self.outputs.tell_parameters(
-            self.run, self.clock.stamp, self.parameters.flat(), changed)
+        self.outputs.tell_parameters(self.run, self.clock.stamp, self.parameters.flat(), changed)
 
     # -- the sample -------------------------------------------------------------------------
 
@@ -156,8 +155,9 @@ class PlantSimulator(ParameterNode):
         """Take the progress of a recorder, given as CDR."""
         stamp_ns, frame_id = read_header(raw)
         run, recorder = parse_node(frame_id.decode(errors='replace'))
-        news = recorder and run == self.run and self.recorders.take(
-            recorder, stamp_ns, monotonic())
+        news = (
+            recorder and run == self.run and self.recorders.take(recorder, stamp_ns, monotonic())
+        )
         if news:
             self.get_logger().info(f'recorder {recorder} {news}')
 
@@ -193,7 +193,8 @@ class PlantSimulator(ParameterNode):
             return 0.0
         self.arbiter.silence.look(now)
         held = self.arbiter.awaiting or not (
-            self.recorders.may_step and (self.has_next or self.recorders.have_last))
+            self.recorders.may_step and (self.has_next or self.recorders.have_last)
+        )
         patience = self.arbiter.patience if held else HEARTBEAT
         if self.arbiter.silence.seconds >= self.parameters.command_timeout:
             self._nobody_answers(now)
@@ -209,8 +210,10 @@ class PlantSimulator(ParameterNode):
         """Let another controller take over, and stop waiting for messages that are lost."""
         if self.arbiter.drop_silent(self.parameters.command_timeout):
             silent = self.arbiter.silence.seconds
-            self.get_logger().warning(f'no command for {silent:.2g} s at {self.clock.seconds()} s:'
-                                      ' any controller may take over')
+            self.get_logger().warning(
+                f'no command for {silent:.2g} s at {self.clock.seconds()} s:'
+                ' any controller may take over'
+            )
             self._published_at = -math.inf
         if self.arbiter.awaiting:
             self._report.waiting_for('a controller', now)
@@ -235,6 +238,9 @@ class PlantSimulator(ParameterNode):
 def main(stop: StopRequest) -> int:
     """Run the node."""
     return run_node(
-        stop, 'plant_simulator',
+        stop,
+        'plant_simulator',
         'The axis in simulated time: joint_states out, joint_commands in.',
-        lambda _: [PlantSimulator], 'F_c:=0.5')
+        lambda _: [PlantSimulator],
+        'F_c:=0.5',
+    )

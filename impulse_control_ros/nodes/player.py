@@ -42,7 +42,8 @@ class PlayerParameters(Parameters):
     rate: float = parameter(1.0, '', 'bag seconds per wall second', lower=0.0, open_lower=True)
     loop: bool = parameter(False, '', 'whether it begins again at the end')
     clock_rate: float = parameter(
-        100.0, 'Hz', 'messages on /clock per wall second; 0 for none', lower=0.0, upper=10_000.0)
+        100.0, 'Hz', 'messages on /clock per wall second; 0 for none', lower=0.0, upper=10_000.0
+    )
     cpu_core: int = cpu_core_parameter()
 
 
@@ -51,29 +52,39 @@ class Player(ParameterNode):
 
     def __init__(self, options: argparse.Namespace) -> None:
         given = {'rate': options.rate, 'clock_rate': options.clock, 'loop': options.loop or None}
-        super().__init__('replay', PlayerParameters, parameter_overrides=[
-            Parameter(name, value=value) for name, value in given.items() if value is not None])
+        super().__init__(
+            'replay',
+            PlayerParameters,
+            parameter_overrides=[
+                Parameter(name, value=value) for name, value in given.items() if value is not None
+            ],
+        )
         self._path = storage_file(options.bag)
         found, spans = surveyed(self._path)
         self._topics = chosen(found, options.topics)
         self._outputs = {
             name: self.create_publisher(message_class(kind), name, replayed_qos(offered))
-            for name, (kind, offered) in self._topics.items()}
-        self._time = (None if CLOCK in self._outputs
-                       else self.create_publisher(Clock, CLOCK, SERIES_QOS))
+            for name, (kind, offered) in self._topics.items()
+        }
+        self._time = (
+            None if CLOCK in self._outputs else self.create_publisher(Clock, CLOCK, SERIES_QOS)
+        )
         self._rate = self.parameters.rate
         self._paused = options.start_paused
         self._published = 0
         self._time_at = 0.0
         heard = [spans[name] for name in self._topics if name in spans]
         if not heard:
-            raise BagError(f'{self._path}: no message on '
-                           f'{", ".join(sorted(self._topics)) or "any topic"}')
+            raise BagError(
+                f'{self._path}: no message on {", ".join(sorted(self._topics)) or "any topic"}'
+            )
         self._start_ns = start_of(heard, options.start_offset or 0.0)
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
-        self.get_logger().info(('paused: ' if self._paused else '') + f'{options.bag} from '
-                               f'{self._start_ns / SECOND:.9f} s, {", ".join(self._topics)}')
+        self.get_logger().info(
+            ('paused: ' if self._paused else '') + f'{options.bag} from '
+            f'{self._start_ns / SECOND:.9f} s, {", ".join(self._topics)}'
+        )
 
     def _begin(self) -> None:
         self._messages = in_order(self._path, set(self._topics), self._start_ns)
@@ -93,14 +104,15 @@ class Player(ParameterNode):
         self._origin, self._anchor = self._now(), monotonic()
         self._rate = self.parameters.rate
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response
-                  ) -> SetBool.Response:
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._origin, self._anchor = self._now(), monotonic()
         self._paused = request.data
         response.success = True
         heard = sum(output.get_subscription_count() for output in self._outputs.values())
-        response.message = (f'{"paused" if request.data else "playing"} at '
-                            f'{self._origin / SECOND:.9f} s, subscribers: {heard}')
+        response.message = (
+            f'{"paused" if request.data else "playing"} at '
+            f'{self._origin / SECOND:.9f} s, subscribers: {heard}'
+        )
         return response
 
     def poll(self) -> float:
@@ -145,12 +157,21 @@ class Player(ParameterNode):
 
 def replayed_qos(offered: Mapping[str, Any]) -> QoSProfile:
     """Return the reliability and durability of the recorded publisher, with a deep queue."""
-    return deep_qos(best_effort=offered.get('reliability') in ('best_effort', 2),
-                    latched=offered.get('durability') in ('transient_local', 1))
+    return deep_qos(
+        best_effort=offered.get('reliability') in ('best_effort', 2),
+        latched=offered.get('durability') in ('transient_local', 1),
+    )
 
 
-def main(stop: StopRequest, description: str,
-         add_options: Callable[[argparse.ArgumentParser], None]) -> int:
+def main(
+    stop: StopRequest, description: str, add_options: Callable[[argparse.ArgumentParser], None]
+) -> int:
     """Play a bag."""
-    return run_node(stop, 'replay', description, lambda options: [partial(Player, options)],
-                    'rate:=2.0', add_options)
+    return run_node(
+        stop,
+        'replay',
+        description,
+        lambda options: [partial(Player, options)],
+        'rate:=2.0',
+        add_options,
+    )

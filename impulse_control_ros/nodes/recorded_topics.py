@@ -29,8 +29,9 @@ class RecordedTopics:
     ``inbox`` has the received messages with their channel in the bag.
     """
 
-    def __init__(self, node: Node, wanted: Iterable[str], outputs: Mapping[str, Sequence[Output]]
-                 ) -> None:
+    def __init__(
+        self, node: Node, wanted: Iterable[str], outputs: Mapping[str, Sequence[Output]]
+    ) -> None:
         self.inbox: list[Taken] = []
         self.polled: dict[Subscription, int] = {}
         self._node = node
@@ -42,13 +43,13 @@ class RecordedTopics:
             self._add(DAMPING, FLOAT64, outputs.get(DAMPING, ()), writer_qos(DAMPING))
         self._in_process = len(self._kinds) if outputs else 0
 
-    def _add(self, topic: str, kind: str, outputs: Sequence[Output], qos: QoSProfile
-             ) -> None:
+    def _add(self, topic: str, kind: str, outputs: Sequence[Output], qos: QoSProfile) -> None:
         name, channel = self._node.resolve_topic_name(topic), len(self._kinds) + 1
         self._wanted.discard(name)
         if not outputs:
             made = self._node.create_subscription(
-                message_class(kind), topic, unused, qos, raw=True)
+                message_class(kind), topic, unused, qos, raw=True
+            )
             self.polled[made] = channel
         self._kinds[name] = kind
         append = self.inbox.append
@@ -63,7 +64,8 @@ class RecordedTopics:
             offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
             best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
             latched = bool(offers) and all(
-                qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
+                qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers
+            )
             try:
                 self._add(topic, kinds[0], (), deep_qos(best_effort, latched))
             except BagError as error:
@@ -81,11 +83,22 @@ class RecordedTopics:
 
     def described(self, first: int) -> list[Topic]:
         """Return the topics from number ``first`` on, as a bag describes them."""
-        return [Topic(name=name, type=kind, qos=tuple(
-            [offered_on(name.rsplit('/', 1)[-1])] if number < self._in_process else
-            (qos_keys(info.qos_profile)
-             for info in self._node.get_publishers_info_by_topic(name))))
-            for number, (name, kind) in enumerate(self._kinds.items()) if number >= first]
+        return [
+            Topic(
+                name=name,
+                type=kind,
+                qos=tuple(
+                    [offered_on(name.rsplit('/', 1)[-1])]
+                    if number < self._in_process
+                    else (
+                        qos_keys(info.qos_profile)
+                        for info in self._node.get_publishers_info_by_topic(name)
+                    )
+                ),
+            )
+            for number, (name, kind) in enumerate(self._kinds.items())
+            if number >= first
+        ]
 
 
 def unused(_: bytes) -> None:

@@ -47,8 +47,9 @@ MOST_RUNS = 10
 class Recorder(ParameterNode):
     """Records runs into bags; nodes in this process pass their ``outputs``."""
 
-    def __init__(self, outputs: Mapping[str, Sequence[Output]] | None = None,
-                 **options: Any) -> None:
+    def __init__(
+        self, outputs: Mapping[str, Sequence[Output]] | None = None, **options: Any
+    ) -> None:
         super().__init__('recorder', RecorderParameters, **options)
         self._name = self.parameters.bag or f'impulse_{datetime.now():%Y_%m_%d-%H_%M_%S}'
         require_writable(Path(self._name))
@@ -62,8 +63,9 @@ class Recorder(ParameterNode):
         self._bags = 0
         self._batch_at = 0.0
         # on the steady clock: simulated time may stand still
-        self.create_timer(WATCH_PERIOD, self._topics.find_wanted,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(
+            WATCH_PERIOD, self._topics.find_wanted, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._topics.find_wanted()
         Diagnostics(self, self._covered, self._report)
 
@@ -103,16 +105,22 @@ class Recorder(ParameterNode):
     def _record(self, run: str) -> None:
         """Begin to record a run whose parameters are known."""
         values = self._plants[run]
-        plant = Plant(run, values['joint_name'], nanoseconds(values['time_step'], 'time_step'),
-                      values.get('lockstep', False))
+        plant = Plant(
+            run,
+            values['joint_name'],
+            nanoseconds(values['time_step'], 'time_step'),
+            values.get('lockstep', False),
+        )
         self._recording = RunRecording(plant, self._make_bag, self._topics.described)
         for taken in (*self._early, *chain(*self._parameters[run].values())):
             self._recording.joiner.add(*taken)
         self._early.clear()
 
     def _make_bag(self) -> BagWriter:
-        names = (self._name if number == 1 else f'{self._name}-{number}'
-                 for number in count(self._bags + 1))
+        names = (
+            self._name if number == 1 else f'{self._name}-{number}'
+            for number in count(self._bags + 1)
+        )
         folder = next(name for name in names if not (self._bags and Path(name).exists()))
         self._bags += 1
         self.get_logger().info(f'recording into {folder}')
@@ -126,8 +134,12 @@ class Recorder(ParameterNode):
             if said:
                 self.get_logger().info(said)
             if bag and bag.full:
-                self.fail(BagError(f'{bag.folder}: {bag.full.strerror}: recording ends; the '
-                                   f'bag is finished with its first {bag.count} messages'))
+                self.fail(
+                    BagError(
+                        f'{bag.folder}: {bag.full.strerror}: recording ends; the '
+                        f'bag is finished with its first {bag.count} messages'
+                    )
+                )
         self._recording = None
 
     # -- by the wall clock ------------------------------------------------------------------
@@ -173,10 +185,16 @@ class Recorder(ParameterNode):
         recording = self._recording
         counts = recording.joiner.counts if recording else {}
         bag = recording.bag if recording else None
-        return DiagnosticStatus.ERROR if counts.get('missing') else DiagnosticStatus.OK, (
-            f'recording {bag.folder}' if bag else 'waiting for plant and controller'), {
-            'written': bag.count if bag else 0, 'lost': counts.get('missing', 0),
-            'repeated': counts.get('repeated', 0), 'foreign': counts.get('foreign', 0)}
+        return (
+            DiagnosticStatus.ERROR if counts.get('missing') else DiagnosticStatus.OK,
+            (f'recording {bag.folder}' if bag else 'waiting for plant and controller'),
+            {
+                'written': bag.count if bag else 0,
+                'lost': counts.get('missing', 0),
+                'repeated': counts.get('repeated', 0),
+                'foreign': counts.get('foreign', 0),
+            },
+        )
 
     def close(self) -> None:
         """Finish the bag with everything sent so far."""
@@ -194,11 +212,15 @@ class Recorder(ParameterNode):
 
 def describes_plant(values: Mapping[str, Any]) -> bool:
     """Tell whether parameters have what a recording needs: anybody may use the topic."""
-    return (isinstance(values.get('joint_name'), str)
-            and isinstance(values.get('time_step'), float))
+    return isinstance(values.get('joint_name'), str) and isinstance(values.get('time_step'), float)
 
 
 def main(stop: StopRequest) -> int:
     """Run the node."""
-    return run_node(stop, 'recorder', 'Records the run into a rosbag2 folder (MCAP).',
-                    lambda _: [Recorder], 'bag:=NAME')
+    return run_node(
+        stop,
+        'recorder',
+        'Records the run into a rosbag2 folder (MCAP).',
+        lambda _: [Recorder],
+        'bag:=NAME',
+    )

@@ -65,20 +65,26 @@ class SimulationControl:
         response.success = self.reset()
         response.message = (
             f'the state at {clock.seconds(1)} s is x_0 = {start.x_0:g} m, v_0 = {start.v_0:g} m/s'
-            if response.success else 'refused: there is no run')
+            if response.success
+            else 'refused: there is no run'
+        )
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         response.success = True
         self.pause(request.data)
-        response.message = (f'{"paused" if request.data else "running"} at '
-                            f'{self._plant.clock.seconds()} s')
+        response.message = (
+            f'{"paused" if request.data else "running"} at {self._plant.clock.seconds()} s'
+        )
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         samples = self._plant.parameters.step_ticks
         response.success = self.step(samples)
         count = f'{samples} sample{"s" if samples > 1 else ""}'
-        response.message = (f'{count} from {self._plant.clock.seconds()} s' if response.success
-                            else 'refused: pause first')
+        response.message = (
+            f'{count} from {self._plant.clock.seconds()} s'
+            if response.success
+            else 'refused: pause first'
+        )
         return response

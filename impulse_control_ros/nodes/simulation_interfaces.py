@@ -27,6 +27,7 @@ def standard_types(logger: Any) -> tuple[Any, Any] | None:
     try:
         # The C module too: a package built for another Python must not stop a plant.
         from simulation_interfaces import msg, simulation_interfaces_s__rosidl_typesupport_c, srv
+
         del simulation_interfaces_s__rosidl_typesupport_c
     except ModuleNotFoundError:
         return None
@@ -51,20 +52,44 @@ class SimulationInterfaces:
             return
         msg, self._srv = types
         self._results, self._states, self._ids = (
-            msg.Result, msg.SimulationState, msg.SimulatorFeatures)
+            msg.Result,
+            msg.SimulationState,
+            msg.SimulatorFeatures,
+        )
         plant.create_service(
-            self._srv.GetSimulatorFeatures, '~/get_simulator_features', self._get_features)
-        self._offer('GetSimulationState', '~/get_simulation_state', self._get_state,
-                    'SIMULATION_STATE_GETTING')
-        self._offer('SetSimulationState', '~/set_simulation_state', self._set_state,
-                    'SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE')
-        self._offer('StepSimulation', '~/step_simulation', self._step,
-                    'STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE')
-        self._offer('ResetSimulation', '~/reset_simulation', self._reset,
-                    'SIMULATION_RESET', 'SIMULATION_RESET_STATE')
+            self._srv.GetSimulatorFeatures, '~/get_simulator_features', self._get_features
+        )
+        self._offer(
+            'GetSimulationState',
+            '~/get_simulation_state',
+            self._get_state,
+            'SIMULATION_STATE_GETTING',
+        )
+        self._offer(
+            'SetSimulationState',
+            '~/set_simulation_state',
+            self._set_state,
+            'SIMULATION_STATE_SETTING',
+            'SIMULATION_STATE_PAUSE',
+        )
+        self._offer(
+            'StepSimulation',
+            '~/step_simulation',
+            self._step,
+            'STEP_SIMULATION_SINGLE',
+            'STEP_SIMULATION_MULTIPLE',
+        )
+        self._offer(
+            'ResetSimulation',
+            '~/reset_simulation',
+            self._reset,
+            'SIMULATION_RESET',
+            'SIMULATION_RESET_STATE',
+        )
 
-    def _offer(self, kind: str, name: str, act: Callable[[Any, Any], Outcome],
-               *features: str) -> None:
+    def _offer(
+        self, kind: str, name: str, act: Callable[[Any, Any], Outcome], *features: str
+    ) -> None:
         """Offer ``act`` on request and response as a service, and list its features."""
         if not hasattr(self._srv, kind):
             return
@@ -73,6 +98,7 @@ class SimulationInterfaces:
             code, message = act(request, response)
             response.result = self._results(result=code, error_message=message)
             return response
+
         self._plant.create_service(getattr(self._srv, kind), name, callback)
         self._features += [getattr(self._ids, feature) for feature in features]
 
@@ -87,12 +113,17 @@ class SimulationInterfaces:
 
     def _set_state(self, request: Any, response: Any) -> Outcome:
         control, states, wanted = self._plant.control, self._states, request.state.state
-        names = {states.STATE_PLAYING: 'playing', states.STATE_PAUSED: 'paused',
-                 states.STATE_QUITTING: 'quitting'}
+        names = {
+            states.STATE_PLAYING: 'playing',
+            states.STATE_PAUSED: 'paused',
+            states.STATE_QUITTING: 'quitting',
+        }
         if wanted not in names:
             allowed = ', '.join(f'{name} ({value})' for value, name in names.items())
-            return (self._results.RESULT_FEATURE_UNSUPPORTED,
-                    f'state = {wanted}: must be {allowed}')
+            return (
+                self._results.RESULT_FEATURE_UNSUPPORTED,
+                f'state = {wanted}: must be {allowed}',
+            )
         if wanted == self._state():
             return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {self._when()}'
         if control.quitting:
@@ -109,22 +140,28 @@ class SimulationInterfaces:
             return failed, f'steps = {steps}: {ENDING}'
         if not self._plant.control.step(steps):
             return failed, f'steps = {steps} is refused while playing: pause first'
-        return (self._results.RESULT_OK,
-                f'{steps} steps requested {self._when()}; {STEPS_ASKED_FOR}')
+        return (
+            self._results.RESULT_OK,
+            f'{steps} steps requested {self._when()}; {STEPS_ASKED_FOR}',
+        )
 
     def _reset(self, request: Any, _: Any) -> Outcome:
         plant, scope = self._plant, request.scope
         if scope not in (request.SCOPE_DEFAULT, request.SCOPE_STATE):
-            return (self._results.RESULT_FEATURE_UNSUPPORTED,
-                    f'scope = {scope}: must be SCOPE_STATE '
-                    f'({request.SCOPE_STATE}), for time never goes back and nothing is spawned')
+            return (
+                self._results.RESULT_FEATURE_UNSUPPORTED,
+                f'scope = {scope}: must be SCOPE_STATE '
+                f'({request.SCOPE_STATE}), for time never goes back and nothing is spawned',
+            )
         if plant.control.quitting or not plant.control.reset():
             why = ENDING if plant.clock.tick >= 0 else 'there is no run yet'
             return self._results.RESULT_INCORRECT_STATE, f'scope = {scope}: {why}'
         start = plant.parameters
-        return (self._results.RESULT_OK,
-                f'the state at {plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '
-                f'v_0 = {start.v_0:g} m/s; {STATE_ALONE}')
+        return (
+            self._results.RESULT_OK,
+            f'the state at {plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '
+            f'v_0 = {start.v_0:g} m/s; {STATE_ALONE}',
+        )
 
     def _state(self) -> int:
         control = self._plant.control

@@ -38,13 +38,15 @@ def make_executor() -> Executor:
         from rclpy.experimental import EventsExecutor
     except ImportError:
         rclpy.logging.get_logger('impulse_control_ros').info(
-            'this rclpy has no EventsExecutor: the standard executor is several times slower')
+            'this rclpy has no EventsExecutor: the standard executor is several times slower'
+        )
         return SingleThreadedExecutor()
     return EventsExecutor()
 
 
-def spin(nodes: Sequence[Any], stop: StopRequest,
-         between: Callable[[], bool] | None = None) -> None:
+def spin(
+    nodes: Sequence[Any], stop: StopRequest, between: Callable[[], bool] | None = None
+) -> None:
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
@@ -90,10 +92,15 @@ def serve_what_waits(executor: Executor) -> None:
             return
 
 
-def main(stop: StopRequest, prog: str, description: str,
-         makers: Callable[[argparse.Namespace], list[Maker]], example: str,
-         add_options: Callable[[argparse.ArgumentParser], None] | None = None,
-         between: Callable[[], bool] | None = None) -> int:
+def main(
+    stop: StopRequest,
+    prog: str,
+    description: str,
+    makers: Callable[[argparse.Namespace], list[Maker]],
+    example: str,
+    add_options: Callable[[argparse.ArgumentParser], None] | None = None,
+    between: Callable[[], bool] | None = None,
+) -> int:
     """
     Run the nodes of an executable; returns the exit status.
 
@@ -148,13 +155,19 @@ def first_line(error: BaseException) -> str:
     return ' '.join(str(error).split(', at /')[0].split(', at ./')[0].split())
 
 
-def parse(prog: str, description: str, example: str,
-          add_options: Callable[[argparse.ArgumentParser], None] | None) -> argparse.Namespace:
+def parse(
+    prog: str,
+    description: str,
+    example: str,
+    add_options: Callable[[argparse.ArgumentParser], None] | None,
+) -> argparse.Namespace:
     """Parse the arguments that are not for ROS."""
     parser = argparse.ArgumentParser(
-        prog=prog, description=description,
+        prog=prog,
+        description=description,
         epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p '
-        f'{example}; all parameters are in docs/parameters.md')
+        f'{example}; all parameters are in docs/parameters.md',
+    )
     if add_options:
         add_options(parser)
     return parser.parse_args(remove_ros_args(sys.argv)[1:])

@@ -28,7 +28,8 @@ def deep_qos(best_effort: bool, latched: bool) -> QoSProfile:
     return QoSProfile(
         depth=SERIES_DEPTH,
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 class Output:
@@ -53,22 +54,28 @@ class Output:
             publish(raw)
             for read in readers:
                 read(raw)
+
         self.send = send_to_one if len(readers) == 1 else send_to_all
 
 
 def qos_keys(qos: QoSProfile) -> dict[str, Any]:
     """Return the nine keys of rosbag2's ``offered_qos_profiles``, version 9."""
+
     def duration(value: Any) -> dict[str, int]:
         sec, nanosec = divmod(value.nanoseconds, SECOND)
         return {'sec': sec, 'nsec': nanosec}
 
     return {
-        'history': qos.history.short_key, 'depth': qos.depth,
-        'reliability': qos.reliability.short_key, 'durability': qos.durability.short_key,
-        'deadline': duration(qos.deadline), 'lifespan': duration(qos.lifespan),
+        'history': qos.history.short_key,
+        'depth': qos.depth,
+        'reliability': qos.reliability.short_key,
+        'durability': qos.durability.short_key,
+        'deadline': duration(qos.deadline),
+        'lifespan': duration(qos.lifespan),
         'liveliness': qos.liveliness.short_key,
         'liveliness_lease_duration': duration(qos.liveliness_lease_duration),
-        'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
+        'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions,
+    }
 
 
 def message_class(kind: str) -> type:

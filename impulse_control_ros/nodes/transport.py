@@ -29,8 +29,11 @@ def prefer_udp(middleware: str, environment: MutableMapping[str, str] = os.envir
     ``middleware`` is its name in rclpy. In the range LOCALHOST rmw_fastrtps adds shared memory
     regardless of ``TRANSPORTS``, so our own profile replaces that range.
     """
-    if not middleware.startswith('rmw_fastrtps') or any(map(environment.get, OWN_CHOICE)) or any(
-            map(os.path.exists, OWN_FILES)):
+    if (
+        not middleware.startswith('rmw_fastrtps')
+        or any(map(environment.get, OWN_CHOICE))
+        or any(map(os.path.exists, OWN_FILES))
+    ):
         return
     environment[TRANSPORTS] = 'UDPv4'
     local_only = environment.get('ROS_LOCALHOST_ONLY') == '1'
@@ -46,8 +49,10 @@ def place_on_core(core: int) -> None:
         return
     allowed = os.sched_getaffinity(0)
     if core not in allowed:
-        raise ParameterError(f'invalid cpu_core = {core}: must be -1 (any core) or one of '
-                             + ', '.join(map(str, sorted(allowed))))
+        raise ParameterError(
+            f'invalid cpu_core = {core}: must be -1 (any core) or one of '
+            + ', '.join(map(str, sorted(allowed)))
+        )
     for thread in os.listdir('/proc/self/task'):
         with suppress(ProcessLookupError):  # the thread has ended meanwhile
             os.sched_setaffinity(int(thread), {core})

@@ -3,8 +3,11 @@
 import argparse
 import sys
 
-RUN_HELP = ('of a bag with several runs, the one with this id or, for a foreign plant, in this '
-            'namespace; the longest one if not given')
+RUN_HELP = (
+    'of a bag with several runs, the one with this id or, for a foreign plant, in this '
+    'namespace; the longest one if not given'
+)
+
 
 class UsageError(Exception):
     """What cannot be done, in one line."""

@@ -27,10 +27,20 @@ CASES = ('pd_only_lower', 'underdamped')
 
 def closed_loop(config: Path, bag: Path) -> int:
     """Run one experiment through the installed executable; returns its exit status."""
-    return subprocess.run([
-        str(Path(sys.executable).with_name('closed_loop')), '--ros-args', '--params-file',
-        str(config), '-p', f'recorder:bag:={bag}', '--log-level', 'warn'],
-        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, check=False).returncode
+    return subprocess.run(
+        [
+            str(Path(sys.executable).with_name('closed_loop')),
+            '--ros-args',
+            '--params-file',
+            str(config),
+            '-p',
+            f'recorder:bag:={bag}',
+            '--log-level',
+            'warn',
+        ],
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        check=False,
+    ).returncode
 
 
 def rows(run: Recording) -> list[tuple[str, str]]:
@@ -56,15 +66,18 @@ def rows(run: Recording) -> list[tuple[str, str]]:
 def table(titles: list[str], columns: list[list[tuple[str, str]]]) -> str:
     """Return the runs side by side."""
     lines = [('', *titles)]
-    lines += [(cells[0][0], *(value for _, value in cells))
-              for cells in zip(*columns, strict=True)]
-    return '\n'.join(f'{name:<26}' + ''.join(f'{value:>16}' for value in values)
-                     for name, *values in lines)
+    lines += [
+        (cells[0][0], *(value for _, value in cells)) for cells in zip(*columns, strict=True)
+    ]
+    return '\n'.join(
+        f'{name:<26}' + ''.join(f'{value:>16}' for value in values) for name, *values in lines
+    )
 
 
 def write_report(path: Path, runs: list[Run]) -> None:
     """Write the report of the runs."""
     from impulse_control_ros.tools.analyze.report import report
+
     with replaced(path) as made:
         made.write_text(report(runs, [one for run in runs for one in responses_of(run, False)]))
 

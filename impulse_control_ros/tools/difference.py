@@ -11,6 +11,7 @@ from impulse_control_ros.core.tick import seconds
 
 SHOWN = 5
 
+
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """
@@ -33,15 +34,20 @@ def difference(recorded: np.ndarray, replayed: np.ndarray) -> Difference:
     """Compare rows of one dtype; of several recorded with one stamp the last counts."""
     _, last = np.unique(recorded['stamp'][::-1], return_index=True)
     recorded = recorded[len(recorded) - 1 - last]
-    common, ours, theirs = np.intersect1d(recorded['stamp'], replayed['stamp'],
-                                          assume_unique=True, return_indices=True)
+    common, ours, theirs = np.intersect1d(
+        recorded['stamp'], replayed['stamp'], assume_unique=True, return_indices=True
+    )
     same = np.ones(len(common), bool)
     for name in recorded.dtype.names or ():
         same &= bits(recorded[name][ours]) == bits(replayed[name][theirs])
-    return Difference(recorded=recorded, replayed=replayed, common=common,
-                      differing=common[~same],
-                      gone=np.setdiff1d(recorded['stamp'], common),
-                      new=np.setdiff1d(replayed['stamp'], common))
+    return Difference(
+        recorded=recorded,
+        replayed=replayed,
+        common=common,
+        differing=common[~same],
+        gone=np.setdiff1d(recorded['stamp'], common),
+        new=np.setdiff1d(replayed['stamp'], common),
+    )
 
 
 def bits(values: np.ndarray) -> np.ndarray:
@@ -59,8 +65,11 @@ def lines_of(found: Mapping[str, Difference]) -> Iterator[str]:
     """Yield what to print about the differences by topic."""
     for topic, one in found.items():
         line = f'{topic:<16}{len(one.common):>9} compared, {len(one.differing)} differ'
-        yield line + ''.join(f', {len(stamps)} only {where}' for stamps, where in (
-            (one.gone, 'recorded'), (one.new, 'replayed')) if len(stamps))
+        yield line + ''.join(
+            f', {len(stamps)} only {where}'
+            for stamps, where in ((one.gone, 'recorded'), (one.new, 'replayed'))
+            if len(stamps)
+        )
     for topic, one in found.items():
         if len(one.differing):
             yield first_line(topic, one)
@@ -80,26 +89,34 @@ def same(found: Mapping[str, Difference]) -> bool:
     """
     unheard = np.intersect1d(found['impulse_events'].new, found['joint_commands'].common)
     return not len(unheard) and not any(
-        len(one.differing) + len(one.gone) for one in found.values())
+        len(one.differing) + len(one.gone) for one in found.values()
+    )
 
 
 def first_line(topic: str, found: Difference) -> str:
     """Return a line for the first message that differs."""
     stamp = int(found.differing[0])
     recorded, replayed = row_at(found.recorded, stamp), row_at(found.replayed, stamp)
-    told = ', '.join(f'{name} {value!r} was {recorded[name]!r}'
-                     for name, value in replayed.items() if value != recorded[name])
+    told = ', '.join(
+        f'{name} {value!r} was {recorded[name]!r}'
+        for name, value in replayed.items()
+        if value != recorded[name]
+    )
     return f'first in {topic} at {seconds(stamp)} s: {told or "the sign of a zero"}'
 
 
 def effort_line(found: Difference) -> str:
     """Return how far the efforts of commands are apart [N]."""
-    replayed, recorded = (rows['effort'][np.isin(rows['stamp'], found.common)]
-                          for rows in (found.replayed, found.recorded))
+    replayed, recorded = (
+        rows['effort'][np.isin(rows['stamp'], found.common)]
+        for rows in (found.replayed, found.recorded)
+    )
     apart = np.abs(replayed - recorded)
     peak = int(np.argmax(apart))
-    return (f'effort apart: RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart[peak]:.6g} N '
-            f'at {seconds(int(found.common[peak]))} s')
+    return (
+        f'effort apart: RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart[peak]:.6g} N '
+        f'at {seconds(int(found.common[peak]))} s'
+    )
 
 
 def guard_lines(recorded: np.ndarray, replayed: np.ndarray) -> Iterator[str]:
@@ -111,8 +128,11 @@ def guard_lines(recorded: np.ndarray, replayed: np.ndarray) -> Iterator[str]:
         gone, new = np.setdiff1d(before, now), np.setdiff1d(now, before)
         if guard:
             yield f'{guard:<16}{len(before):>9}{len(now):>9}{len(before) - len(gone):>9}'
-        lone += [(int(stamp), guard, where) for stamps, where in (
-            (gone, 'recorded'), (new, 'replayed')) for stamp in stamps]
+        lone += [
+            (int(stamp), guard, where)
+            for stamps, where in ((gone, 'recorded'), (new, 'replayed'))
+            for stamp in stamps
+        ]
     for stamp, guard, where in sorted(lone)[:SHOWN]:
         yield f'{guard} at {seconds(stamp)} s is only {where}'
     if len(lone) > SHOWN:

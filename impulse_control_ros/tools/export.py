@@ -20,11 +20,15 @@ SUFFIXES = ('.parquet', '.csv')
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = argparse.ArgumentParser(
-        prog='export_bag', description='Write a bag as one table.', epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog='export_bag',
+        description='Write a bag as one table.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument('bag', metavar='BAG', type=Path, help='folder or .mcap file')
-    parser.add_argument('file', metavar='FILE.parquet|FILE.csv', type=Path,
-                        help='the ending says which')
+    parser.add_argument(
+        'file', metavar='FILE.parquet|FILE.csv', type=Path, help='the ending says which'
+    )
     parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
     return parser.parse_args(arguments)
 
@@ -48,8 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from impulse_control_ros.files.export import to_csv, to_parquet
         from impulse_control_ros.files.recording import read
     except ModuleNotFoundError as error:
-        return leave(f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
-                     'pip install pyarrow', 1)
+        return leave(
+            f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
+            'pip install pyarrow',
+            1,
+        )
     try:
         run = read(bag, options.run)
         if not len(run.states):
@@ -60,7 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return leave(f'{file}: {error.strerror or error}', 1)
     if run.unread is not None:
-        print(f'export_bag: warning: {bag} was cut off; {run.unread} bytes at its end cannot be '
-              'read', file=sys.stderr)
+        print(
+            f'export_bag: warning: {bag} was cut off; {run.unread} bytes at its end cannot be '
+            'read',
+            file=sys.stderr,
+        )
     print(f'export_bag: {file} has {rows} rows')
     return 0

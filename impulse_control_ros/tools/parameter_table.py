@@ -19,12 +19,18 @@ def rows(kind: type[Parameters]) -> list[str]:
     """Return the Markdown table of a node's parameters."""
     lines = ['| parameter | default | unit | allowed | meaning |', '|---|---|---|---|---|']
     for name, default, spec in declared(kind):
-        shown = (', '.join(default) if isinstance(default, tuple)
-                 else str(default).lower() if isinstance(default, bool) else str(default))
+        shown = (
+            ', '.join(default)
+            if isinstance(default, tuple)
+            else str(default).lower()
+            if isinstance(default, bool)
+            else str(default)
+        )
         fixed = ' (fixed)' if spec.read_only else ''
         allowed = spec.allowed(type(default)).removeprefix('in ').replace('|', '\\|')
-        lines.append(f'| `{name}` | {shown} | {spec.unit} | {allowed} | '
-                     f'{spec.description}{fixed} |')
+        lines.append(
+            f'| `{name}` | {shown} | {spec.unit} | {allowed} | {spec.description}{fixed} |'
+        )
     return lines
 
 

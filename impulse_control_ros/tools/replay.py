@@ -26,27 +26,48 @@ The last two print what differs, bit by bit, and exit with 1 where anything does
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what is not for ROS."""
     parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder, or its .mcap file')
-    play = parser.add_argument_group('on the graph', 'ros2 param set /replay rate 2.0 tunes it, '
-                                     'and the service ~/pause (std_srvs/SetBool) holds it')
+    play = parser.add_argument_group(
+        'on the graph',
+        'ros2 param set /replay rate 2.0 tunes it, '
+        'and the service ~/pause (std_srvs/SetBool) holds it',
+    )
     play.add_argument('--rate', type=float, help='bag seconds per wall second')
-    play.add_argument('--start-offset', metavar='S', type=float,
-                      help='seconds of the bag to skip')
+    play.add_argument('--start-offset', metavar='S', type=float, help='seconds of the bag to skip')
     play.add_argument('--loop', action='store_true', help='begin again at the end')
     play.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
-    play.add_argument('--topics', metavar='TOPIC', nargs='+',
-                      help='the topics to publish; all if not given')
-    play.add_argument('--clock', metavar='HZ', type=float,
-                      help='messages on /clock per wall second, 100 if not given; 0 for none')
+    play.add_argument(
+        '--topics', metavar='TOPIC', nargs='+', help='the topics to publish; all if not given'
+    )
+    play.add_argument(
+        '--clock',
+        metavar='HZ',
+        type=float,
+        help='messages on /clock per wall second, 100 if not given; 0 for none',
+    )
     again = parser.add_argument_group('computed and compared', COMPARED)
     which = again.add_mutually_exclusive_group()
-    which.add_argument('--controller', action='store_true',
-                       help='let the control law answer the recorded states')
-    which.add_argument('--closed-loop', action='store_true',
-                       help='run the whole experiment again, from the parameters in the bag')
-    again.add_argument('--params', metavar='FILE', type=Path,
-                       help="with --controller: this file's parameters of the controller")
-    again.add_argument('-p', dest='overrides', metavar='NAME:=VALUE', action='append', default=[],
-                       help='with --controller: a parameter of the controller')
+    which.add_argument(
+        '--controller', action='store_true', help='let the control law answer the recorded states'
+    )
+    which.add_argument(
+        '--closed-loop',
+        action='store_true',
+        help='run the whole experiment again, from the parameters in the bag',
+    )
+    again.add_argument(
+        '--params',
+        metavar='FILE',
+        type=Path,
+        help="with --controller: this file's parameters of the controller",
+    )
+    again.add_argument(
+        '-p',
+        dest='overrides',
+        metavar='NAME:=VALUE',
+        action='append',
+        default=[],
+        help='with --controller: a parameter of the controller',
+    )
     again.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
 
 
@@ -60,7 +81,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='replay', description=DESCRIPTION)
     add_options(parser)
     given = list(sys.argv[1:] if arguments is None else arguments)
-    ours = given[:(given + ['--ros-args']).index('--ros-args')]
+    ours = given[: (given + ['--ros-args']).index('--ros-args')]
     options = parser.parse_args(ours)
     if not (options.controller or options.closed_loop):
         if options.params or options.overrides or options.run:
@@ -72,13 +93,21 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         return int(player.main(stop, DESCRIPTION, add_options))
     if options.closed_loop and (options.params or options.overrides):
         parser.error('--params and -p are for --controller')
-    if ours != given or options.loop or options.start_paused or options.topics or any(
-            value is not None for value in (options.rate, options.start_offset, options.clock)):
-        parser.error('ROS arguments, and those for playing on the graph, are not for '
-                     '--controller and --closed-loop')
+    if (
+        ours != given
+        or options.loop
+        or options.start_paused
+        or options.topics
+        or any(value is not None for value in (options.rate, options.start_offset, options.clock))
+    ):
+        parser.error(
+            'ROS arguments, and those for playing on the graph, are not for '
+            '--controller and --closed-loop'
+        )
 
     from impulse_control_ros.core.parameter import ParameterError
     from impulse_control_ros.files.columns import BagError
+
     try:
         lines, same = compared(options)
     except (BagError, ParameterError) as error:
@@ -118,11 +147,16 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
 
     recording, overrides = read(options.bag, options.run), overrides_of(options)
     if recording.unread is not None:
-        print(f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '
-              'cannot be read', file=sys.stderr)
+        print(
+            f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '
+            'cannot be read',
+            file=sys.stderr,
+        )
     if recording.lacks:
-        print(f'replay: warning: {options.bag}: incomplete: {"; ".join(recording.lacks)}',
-              file=sys.stderr)
+        print(
+            f'replay: warning: {options.bag}: incomplete: {"; ".join(recording.lacks)}',
+            file=sys.stderr,
+        )
     try:
         rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
     except BagError as error:
@@ -140,5 +174,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
         *(f'with {name} = {value!r}' for name, value in overrides.items()),
         *lines_of(found),
-        'it differs' if not identical else 'every message'
-        + (lacks if absent else ' is the same, to the bit')], identical
+        'it differs'
+        if not identical
+        else 'every message' + (lacks if absent else ' is the same, to the bit'),
+    ], identical

@@ -39,8 +39,9 @@ def runs_freely(recording: Recording) -> bool:
     return not recording.plant or not recording.plant[0].values.get('lockstep')
 
 
-def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
-              ) -> Iterator[tuple[int, bool, Any]]:
+def histories(
+    recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
+) -> Iterator[tuple[int, bool, Any]]:
     """
     Yield (stamp, anew, parameters of ``kind``) for each time that they change.
 
@@ -49,8 +50,10 @@ def histories(recording: Recording, kind: type[Parameters], overrides: Mapping[s
     """
     changes = recording.plant if kind is PlantParameters else recording.controllers
     if not changes:
-        raise BagError(f'no node of it has the parameters of a {WORDS[kind]}; '
-                       f'its nodes: {", ".join(recording.parameters) or "none"}')
+        raise BagError(
+            f'no node of it has the parameters of a {WORDS[kind]}; '
+            f'its nodes: {", ".join(recording.parameters) or "none"}'
+        )
     for change in changes:
         ours = {name: value for name, value in change.values.items() if not is_foreign(name)}
         yield change.stamp, change.anew, build(kind, {**ours, **overrides})
@@ -63,8 +66,9 @@ def states_of(recording: Recording) -> np.ndarray:
     return recording.states
 
 
-def pieces_of(recording: Recording, stamps: np.ndarray, is_reset: np.ndarray,
-              overrides: Mapping[str, Any]) -> list[Piece]:
+def pieces_of(
+    recording: Recording, stamps: np.ndarray, is_reset: np.ndarray, overrides: Mapping[str, Any]
+) -> list[Piece]:
     """Return the pieces of a run with samples at ``stamps``, of which some are a start."""
     axes, first = {}, None
     if recording.plant:
@@ -90,13 +94,17 @@ def pieces_of(recording: Recording, stamps: np.ndarray, is_reset: np.ndarray,
 def axis_at_start(recording: Recording) -> PlantParameters:
     """Return the plant as the first state has it: a change at its stamp acts behind it."""
     start = recording.states['stamp'][0]
-    before = [axis for stamp, anew, axis in histories(recording, PlantParameters, {})
-              if stamp < start or (anew and stamp == start)]
+    before = [
+        axis
+        for stamp, anew, axis in histories(recording, PlantParameters, {})
+        if stamp < start or (anew and stamp == start)
+    ]
     return before[-1] if before else next(histories(recording, PlantParameters, {}))[2]
 
 
-def located(stamps: np.ndarray, recording: Recording, kind: type[Parameters],
-            overrides: Mapping[str, Any]) -> Iterator[tuple[int, bool, Any]]:
+def located(
+    stamps: np.ndarray, recording: Recording, kind: type[Parameters], overrides: Mapping[str, Any]
+) -> Iterator[tuple[int, bool, Any]]:
     """Yield `histories` with the sample that each acts at in place of its stamp."""
     for stamp, anew, values in histories(recording, kind, overrides):
         at = int(np.searchsorted(stamps, stamp))
@@ -114,8 +122,10 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
     return Rerun(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
 
 
-def answered_states(recording: Recording, overrides: Mapping[str, Any],
-                    ) -> tuple[np.ndarray, list[Piece], np.ndarray]:
+def answered_states(
+    recording: Recording,
+    overrides: Mapping[str, Any],
+) -> tuple[np.ndarray, list[Piece], np.ndarray]:
     """
     Return the states that the controller has answered, the pieces, and the answers anew.
 
@@ -123,8 +133,10 @@ def answered_states(recording: Recording, overrides: Mapping[str, Any],
     """
     states = states_of(recording)
     # an answered state has a velocity, or an empty field that reads as nan
-    seen = np.isfinite(states['position']) & (np.isfinite(states['velocity']) | (
-        np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp'])))
+    seen = np.isfinite(states['position']) & (
+        np.isfinite(states['velocity'])
+        | (np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp']))
+    )
     if runs_freely(recording):
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
@@ -175,13 +187,19 @@ def closed_loop(recording: Recording) -> Rerun:
     for name in ('position', 'velocity', 'effort'):
         states[name] = made[name]
     told = np.isin(stamps, recording.damping['stamp'])  # not every sample's is published
-    return Rerun(changes=len(pieces) - 1, pairs={
-        'joint_states': (recorded, states), **answers_beside(recording, states, answers),
-        'damping': (recording.damping, damping[told])})
+    return Rerun(
+        changes=len(pieces) - 1,
+        pairs={
+            'joint_states': (recorded, states),
+            **answers_beside(recording, states, answers),
+            'damping': (recording.damping, damping[told]),
+        },
+    )
 
 
-def answers_beside(recording: Recording, states: np.ndarray, answers: np.ndarray
-                   ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def answers_beside(
+    recording: Recording, states: np.ndarray, answers: np.ndarray
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the pairs of commands and impulses, of those since the first of the ``states``."""
     commands, fired = np.zeros(len(answers), COMMAND), answers['guard'] > 0
     commands['stamp'], commands['effort'] = states['stamp'], answers['effort']
@@ -190,6 +208,10 @@ def answers_beside(recording: Recording, states: np.ndarray, answers: np.ndarray
         impulses[name] = states[name][fired]
     for name in ('guard', 'area', 'velocity'):
         impulses[name] = answers[name][fired]
-    return {topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
-            for topic, rows, replayed in (('joint_commands', recording.commands, commands),
-                                          ('impulse_events', recording.impulses, impulses))}
+    return {
+        topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
+        for topic, rows, replayed in (
+            ('joint_commands', recording.commands, commands),
+            ('impulse_events', recording.impulses, impulses),
+        )
+    }

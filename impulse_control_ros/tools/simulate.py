@@ -45,14 +45,29 @@ T = TypeVar('T')
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Parse the command line; raises `UsageError`."""
-    parser = Parser(prog='simulate', description=DESCRIPTION, epilog=EPILOG,
-                    formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('configs', metavar='CONFIG', type=Path, nargs='+',
-                        help='a ROS parameter file; later files override earlier ones')
+    parser = Parser(
+        prog='simulate',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'configs',
+        metavar='CONFIG',
+        type=Path,
+        nargs='+',
+        help='a ROS parameter file; later files override earlier ones',
+    )
     parser.add_argument('bag', metavar='BAG', type=Path, help='the folder to make')
-    parser.add_argument('-p', dest='rules', metavar='[NODE:]NAME:=VALUE', action='append',
-                        default=[], help='a parameter of a node, or of all nodes that have it, '
-                        'e.g. plant_simulator:F_c:=0.5 or duration:=2.0')
+    parser.add_argument(
+        '-p',
+        dest='rules',
+        metavar='[NODE:]NAME:=VALUE',
+        action='append',
+        default=[],
+        help='a parameter of a node, or of all nodes that have it, '
+        'e.g. plant_simulator:F_c:=0.5 or duration:=2.0',
+    )
     return parser.parse_intermixed_args(arguments)
 
 
@@ -65,7 +80,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     try:
         options = parse(arguments)
         experiment = read_experiment(
-            *options.configs, besides=[one for rule in options.rules for one in given_by(rule)])
+            *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
+        )
         require_end(experiment.plant_simulator)
         require_definitions([*SERIES.values(), FLOAT64])
         writer = BagWriter(options.bag, experiment.recorder.compression)
@@ -80,11 +96,17 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 def require_end(plant: PlantParameters) -> None:
     """Raise `ParameterError` for a run that depends on the wall clock, or has no end."""
     if not plant.lockstep:
-        raise refusal('plant_simulator.lockstep', plant.lockstep,
-                      'True: without it a run depends on the wall clock')
+        raise refusal(
+            'plant_simulator.lockstep',
+            plant.lockstep,
+            'True: without it a run depends on the wall clock',
+        )
     if not plant.duration:
-        raise refusal('plant_simulator.duration', plant.duration,
-                      '> 0 [s], e.g. with -p plant_simulator:duration:=2.0')
+        raise refusal(
+            'plant_simulator.duration',
+            plant.duration,
+            '> 0 [s], e.g. with -p plant_simulator:duration:=2.0',
+        )
 
 
 def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> int:
@@ -106,8 +128,9 @@ def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> in
         why = str(error)
     finally:
         wall = monotonic() - began
-        writer.close({'missing': '0', 'repeated': '0', 'foreign': '0',
-                      'wall_seconds': f'{wall:.6f}'})
+        writer.close(
+            {'missing': '0', 'repeated': '0', 'foreign': '0', 'wall_seconds': f'{wall:.6f}'}
+        )
     if writer.full:
         why = f'{writer.folder}: {writer.full.strerror}'
     elif stop.requested and not why and count > ticks(seconds, plant.time_step) + 1:
@@ -126,15 +149,32 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
     types = dict(SERIES)
     if {DAMPING, f'/{DAMPING}'} & set(experiment.recorder.topics):
         types[DAMPING] = FLOAT64
-    topics = [Topic(name=f'/{name}', type=kind, qos=(offered_on(name),))
-              for name, kind in types.items()]
+    topics = [
+        Topic(name=f'/{name}', type=kind, qos=(offered_on(name),)) for name, kind in types.items()
+    ]
     describe_run(writer, header.run, topics)
     channels = {name: writer.add_topic(topic) for name, topic in zip(types, topics, strict=True)}
-    writer.write((start_ns, channels[RUN_PARAMETERS], encode_parameter_event(
-        *divmod(start_ns, SECOND), NodeHeader(header.run, node).frame_id, parameters.flat(), {}))
-        for node, parameters in ((PLANT, plant), (header.controller, experiment.controller)))
-    return RunMessages(header, plant.joint_name, channels, start_ns,
-                       nanoseconds(plant.time_step, 'time_step'), plant.damping_every)
+    writer.write(
+        (
+            start_ns,
+            channels[RUN_PARAMETERS],
+            encode_parameter_event(
+                *divmod(start_ns, SECOND),
+                NodeHeader(header.run, node).frame_id,
+                parameters.flat(),
+                {},
+            ),
+        )
+        for node, parameters in ((PLANT, plant), (header.controller, experiment.controller))
+    )
+    return RunMessages(
+        header,
+        plant.joint_name,
+        channels,
+        start_ns,
+        nanoseconds(plant.time_step, 'time_step'),
+        plant.damping_every,
+    )
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:

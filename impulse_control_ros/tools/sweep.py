@@ -29,13 +29,20 @@ with the same command; a finished one shows its summary again. docs/sweep.md has
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = argparse.ArgumentParser(
-        prog='sweep', description='Run a Monte Carlo or grid study of the closed loop.',
-        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog='sweep',
+        description='Run a Monte Carlo or grid study of the closed loop.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument('study', metavar='STUDY.yaml', type=Path, help='the study')
-    parser.add_argument('--out', metavar='FOLDER', type=Path,
-                        help='folder of the result; runs/STUDY if not given')
-    parser.add_argument('--scheduler', metavar='ADDRESS',
-                        help='a Dask scheduler, e.g. tcp://10.0.0.1:8786; without: all cores here')
+    parser.add_argument(
+        '--out', metavar='FOLDER', type=Path, help='folder of the result; runs/STUDY if not given'
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='a Dask scheduler, e.g. tcp://10.0.0.1:8786; without: all cores here',
+    )
     return parser.parse_args(arguments)
 
 
@@ -53,8 +60,11 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         import impulse_control_ros.tools.sweep_workers  # noqa: F401 (a package may be missing)
     except ModuleNotFoundError as error:
         missing = str(error.name).split('.')[0]
-        return leave(f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
-                     'pip install matplotlib pyarrow', 1)
+        return leave(
+            f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
+            'pip install matplotlib pyarrow',
+            1,
+        )
     try:
         return run(options, stop)
     except ParameterError as error:
@@ -72,8 +82,9 @@ def run(options: argparse.Namespace, stop: StopRequest) -> int:
     from impulse_control_ros.tools.sweep_summary import summary
 
     study = read_study(options.study)
-    folder = SweepFolder(options.out or Path('runs', options.study.stem), identity(study),
-                         units(study))
+    folder = SweepFolder(
+        options.out or Path('runs', options.study.stem), identity(study), units(study)
+    )
     rate = ''
     if folder.is_concluded():
         print(f'sweep: {folder.result} is finished')
@@ -90,6 +101,7 @@ def run(options: argparse.Namespace, stop: StopRequest) -> int:
 def workers_at(scheduler: str | None) -> 'AbstractContextManager[Workers]':
     """Return the workers of a cluster, or those here."""
     from impulse_control_ros.tools.sweep_workers import dask_workers, local_workers
+
     return dask_workers(scheduler) if scheduler else local_workers()
 
 
@@ -104,8 +116,11 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
     todo = [number for number in range(study.chunks) if number not in there]
     done = study.rows - sum(len(study.rows_of(number)) for number in todo)
     began = perf_counter()
-    print(f'sweep: {study.rows} runs of {study.extent.duration:g} s ({study.steps} steps) in '
-          f'{study.chunks} chunks, {len(there)} of them finished, on {workers.name}', flush=True)
+    print(
+        f'sweep: {study.rows} runs of {study.extent.duration:g} s ({study.steps} steps) in '
+        f'{study.chunks} chunks, {len(there)} of them finished, on {workers.name}',
+        flush=True,
+    )
     tqdm.monitor_interval = 0  # no thread beside ours
     with tqdm(total=study.rows, initial=done, unit='run', disable=None) as bar:
         for number, columns in computed(workers, study, todo, stop):
@@ -113,8 +128,10 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
             bar.update(len(study.rows_of(number)))
     wall = perf_counter() - began
     if stop.requested:
-        raise SweepError(f'interrupted with {len(folder.finished())} of {study.chunks} chunks '
-                         'finished; the same command goes on from there')
+        raise SweepError(
+            f'interrupted with {len(folder.finished())} of {study.chunks} chunks '
+            'finished; the same command goes on from there'
+        )
     folder.conclude(study.chunks)
     return speed(study, study.rows - done, wall, max(workers.slots(), 1)) if todo else ''
 
@@ -122,5 +139,7 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
 def speed(study: 'Study', runs: int, wall: float, cores: int) -> str:
     """Say how fast ``runs`` were done in ``wall`` seconds."""
     per_step = wall * cores / (runs * study.steps) * 1e9
-    return (f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns of wall '
-            f'time per run-step and core on {cores} cores\n')
+    return (
+        f'{runs} runs in {wall:.1f} s: {runs / wall:.0f} runs/s, {per_step:.1f} ns of wall '
+        f'time per run-step and core on {cores} cores\n'
+    )

@@ -30,8 +30,12 @@ WIDE = 3  # panels in a row
 BINS = 50
 TICKS = 6
 DECADES = 100.0  # a larger ratio of the values is shown on a log scale
-EXTEND = {(False, False): 'neither', (True, False): 'min', (False, True): 'max',
-          (True, True): 'both'}
+EXTEND = {
+    (False, False): 'neither',
+    (True, False): 'min',
+    (False, True): 'max',
+    (True, True): 'both',
+}
 BLUE, GREY = '#1f5a94', '#c8c8c8'
 Panel = Callable[[Any, Study, str, np.ndarray], None]
 
@@ -63,8 +67,10 @@ def picture(study: Study, column: Column, name: str) -> Figure:
     points = math.prod(len(values) for values in study.axes.values())
     runs = f'{study.extent.runs:,} run' + ('s' if study.extent.runs > 1 else '')
     extent = f'{points:,} points, {runs} each' if study.axes else runs
-    figure.suptitle(f'{name}: {extent}, {study.extent.duration:g} s long'
-                    + ('' if study.axes and study.extent.runs == 1 else f'; {what}'))
+    figure.suptitle(
+        f'{name}: {extent}, {study.extent.duration:g} s long'
+        + ('' if study.axes and study.extent.runs == 1 else f'; {what}')
+    )
     return figure
 
 
@@ -87,8 +93,12 @@ def distribution(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     if len(drawn) < len(finite):
         note = f'{100.0 * (1.0 - len(drawn) / len(values)):.3g} % of the runs are not shown'
         axes.set_title(note, fontsize=10)
-    axes.hist(drawn, bins(drawn, is_log, key == 'impulses'), color=BLUE,
-              weights=np.full(len(drawn), 1.0 / len(values)))
+    axes.hist(
+        drawn,
+        bins(drawn, is_log, key == 'impulses'),
+        color=BLUE,
+        weights=np.full(len(drawn), 1.0 / len(values)),
+    )
     axes.margins(x=0.03, y=0.2)
     axes.yaxis.set_major_formatter(lambda share, _: f'{100.0 * share:g} %')
     if is_log:
@@ -105,9 +115,16 @@ def mark_median(axes: Any, median: float) -> None:
     axes.axvline(median, color='black', lw=1, ls='--')
     place = axes.transAxes.inverted().transform(axes.transData.transform((median, 0.0)))[0]
     side = 'left' if place < 0.5 else 'right'
-    axes.annotate(f'median {median:.4g}', (median, 1.0), (4 if side == 'left' else -4, -4),
-                  xycoords=('data', 'axes fraction'), textcoords='offset points', va='top',
-                  ha=side, fontsize=9)
+    axes.annotate(
+        f'median {median:.4g}',
+        (median, 1.0),
+        (4 if side == 'left' else -4, -4),
+        xycoords=('data', 'axes fraction'),
+        textcoords='offset points',
+        va='top',
+        ha=side,
+        fontsize=9,
+    )
 
 
 def name_panel(axes: Any, study: Study, key: str, note: str) -> None:
@@ -156,9 +173,10 @@ def bins(values: np.ndarray, is_log: bool, is_count: bool) -> np.ndarray:
 
 def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     """Draw the median along the one axis, and the band from 5 to 95 %."""
-    (name, points), = study.axes.items()
+    ((name, points),) = study.axes.items()
     low, middle, high = quantiles(
-        values.reshape(len(points), study.extent.runs), (0.05, 0.5, 0.95))
+        values.reshape(len(points), study.extent.runs), (0.05, 0.5, 0.95)
+    )
     axes.set_xlabel(axis_label(name))
     name_panel(axes, study, key, left_out(key, values))
     if is_same(axes, np.concatenate([low, middle, high]), 'at all points'):
@@ -196,8 +214,12 @@ def heat_map(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     # what is below the scale, as 0 is, has its darkest colour
     drawn = np.maximum(middle, 0.5 * low) if is_log else middle
     image = axes.imshow(
-        np.ma.masked_invalid(drawn), origin='lower', aspect='auto', interpolation='nearest',
-        norm=LogNorm(low, high) if is_log else Normalize(low, high))
+        np.ma.masked_invalid(drawn),
+        origin='lower',
+        aspect='auto',
+        interpolation='nearest',
+        norm=LogNorm(low, high) if is_log else Normalize(low, high),
+    )
     beyond = (bool((middle < low).any()), bool((middle > high).any()))
     bar = axes.figure.colorbar(image, ax=axes, extend=EXTEND[beyond])
     if not is_log:
@@ -222,5 +244,7 @@ def axis_label(name: str) -> str:
 
 
 STYLES: dict[int, tuple[Panel, str]] = {
-    0: (distribution, 'distributions'), 1: (along_axis, 'median and 5 to 95 %'),
-    2: (heat_map, 'medians')}
+    0: (distribution, 'distributions'),
+    1: (along_axis, 'median and 5 to 95 %'),
+    2: (heat_map, 'medians'),
+}

@@ -12,8 +12,15 @@ import numpy as np
 
 from impulse_control_ros.core.study import MEASURES, settling, Study, title, units
 
-SHOWN = ('overshoot', 'iae', 'impulses', 'impulse_area', 'peak_effort', 'peak_velocity',
-         'final_error')
+SHOWN = (
+    'overshoot',
+    'iae',
+    'impulses',
+    'impulse_area',
+    'peak_effort',
+    'peak_velocity',
+    'final_error',
+)
 HEADS = ('median', 'p5', 'p95', 'max')
 SHARES = (0.5, 0.05, 0.95, 1.0)
 Column = Callable[[str], np.ndarray]
@@ -51,8 +58,10 @@ def summary(study: Study, column: Column) -> str:
     for name in shown_columns(study):
         cells = quantiles(shown(column, name), SHARES)
         bad = '-' if name in MEASURES else 'never'
-        lines.append(f'{heading(study, name):<32}' + ''.join(
-            f'{bad if math.isnan(cell) else format(cell, ".4g"):>12}' for cell in cells))
+        lines.append(
+            f'{heading(study, name):<32}'
+            + ''.join(f'{bad if math.isnan(cell) else format(cell, ".4g"):>12}' for cell in cells)
+        )
     for tolerance in study.tolerances:
         share = float(np.mean(np.isnan(column(settling(tolerance)))))
         lines.append(f'not settled to {tolerance:g} m: {100.0 * share:.3g} %')

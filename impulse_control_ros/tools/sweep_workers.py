@@ -74,13 +74,17 @@ def dask_workers(address: str) -> Iterator[Workers]:
     logging.disable()  # what the library says on many lines we say on one
     client = connected(address)
     try:
-        yield Workers(executor=client.get_executor(pure=False, retries=RETRIES),
-                      slots=lambda: sum(client.nthreads().values()), name=address)
+        yield Workers(
+            executor=client.get_executor(pure=False, retries=RETRIES),
+            slots=lambda: sum(client.nthreads().values()),
+            name=address,
+        )
     except (OSError, CancelledError) as error:
         if not isinstance(error, CancelledError) and client.status == 'running':
             raise  # ours, as of a disk that is full
-        raise SweepError(f'the scheduler at {address} has gone; '
-                         'the same command goes on from there') from None
+        raise SweepError(
+            f'the scheduler at {address} has gone; the same command goes on from there'
+        ) from None
     finally:
         client.close(timeout=1)
 
@@ -92,22 +96,31 @@ def connected(address: str) -> Any:
         from distributed.comm import connect
         from distributed.security import Security
     except ModuleNotFoundError:
-        raise SweepError("--scheduler needs dask.distributed: pip install 'impulse_control_ros"
-                         "[dask]', or pip install distributed") from None
+        raise SweepError(
+            "--scheduler needs dask.distributed: pip install 'impulse_control_ros"
+            "[dask]', or pip install distributed"
+        ) from None
 
     async def probe() -> None:
-        await (await connect(
-            address, timeout=CONNECT, **Security().get_connection_args('client'))).close()
+        await (
+            await connect(address, timeout=CONNECT, **Security().get_connection_args('client'))
+        ).close()
+
     try:
         asyncio.run(probe())  # a Client that finds nobody takes long to give up, and says more
         return Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise SweepError(f'no scheduler answers at {address}: '
-                         f'{" ".join(str(error).split())}') from None
+        raise SweepError(
+            f'no scheduler answers at {address}: {" ".join(str(error).split())}'
+        ) from None
 
 
-def computed(workers: Workers, study: Study, todo: Sequence[int], stop: StopRequest,
-             ) -> Iterator[tuple[int, Columns]]:
+def computed(
+    workers: Workers,
+    study: Study,
+    todo: Sequence[int],
+    stop: StopRequest,
+) -> Iterator[tuple[int, Columns]]:
     """
     Yield (number, columns) of the chunks ``todo`` as they are finished, until a stop.
 
@@ -130,8 +143,11 @@ def present(workers: Workers, before: int) -> int:
     """Return how many tasks are done at once now; say it when there is nobody any more."""
     slots = workers.slots()
     if before and not slots:
-        tqdm.write(f'sweep: {workers.name} has no worker: waiting for one that has this version '
-                   'of impulse_control_ros', sys.stderr)
+        tqdm.write(
+            f'sweep: {workers.name} has no worker: waiting for one that has this version '
+            'of impulse_control_ros',
+            sys.stderr,
+        )
     return slots
 
 
@@ -145,6 +161,7 @@ def result_of(future: Future[Columns]) -> Columns:
         raise
     except Exception as error:
         if type(error).__module__.split('.')[0] == 'distributed' or isinstance(
-                error, ModuleNotFoundError):
+            error, ModuleNotFoundError
+        ):
             raise SweepError(f'the cluster fails: {" ".join(str(error).split())}') from None
         raise

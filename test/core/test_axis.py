@@ -59,8 +59,15 @@ positive = st.floats(1e-3, 10.0)
 
 
 @settings(max_examples=300, deadline=None)
-@given(quantity, quantity, quantity, positive, positive, st.floats(0.0, 3.0),
-       st.sampled_from([1e-5, 1e-4, 1e-2, 0.3]))
+@given(
+    quantity,
+    quantity,
+    quantity,
+    positive,
+    positive,
+    st.floats(0.0, 3.0),
+    st.sampled_from([1e-5, 1e-4, 1e-2, 0.3]),
+)
 def test_any_step_is_the_closed_form(x, v, u, d, m, friction, duration):
     assume(abs(abs(u) - friction) > 1e-9)
     assume(v == 0.0 or abs(v) > 1e-9)
@@ -71,8 +78,15 @@ def test_any_step_is_the_closed_form(x, v, u, d, m, friction, duration):
 
 
 @settings(max_examples=300, deadline=None)
-@given(quantity, st.floats(-0.01, 0.01), quantity, positive, positive, st.floats(0.0, 20.0),
-       st.sampled_from([1e-5, 1e-4, 1e-3]))
+@given(
+    quantity,
+    st.floats(-0.01, 0.01),
+    quantity,
+    positive,
+    positive,
+    st.floats(0.0, 20.0),
+    st.sampled_from([1e-5, 1e-4, 1e-3]),
+)
 def test_a_short_step_is_the_long_one_whenever_it_is_whole(x, v, u, d, m, friction, duration):
     got_x, got_v, whole = short_step(x, v, u, d, 1.0 / m, friction, duration)
     want_x, want_v = long_step(x, v, u, d, m, friction, duration)
@@ -105,12 +119,19 @@ def test_the_stop_is_found_inside_the_sample():
     assert 0 < stop < STEP
     before, _ = axis_step(0.0, v, 0.0, d, m, friction, float(stop))
     assert axis_step(0.0, v, 0.0, d, m, friction, STEP) == (
-        pytest.approx(before, rel=1e-9, abs=0.0), 0.0)
+        pytest.approx(before, rel=1e-9, abs=0.0),
+        0.0,
+    )
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.floats(-3.0, 3.0), st.sampled_from([0.0, 1.0]), st.floats(1e-2, 50.0),
-       st.floats(1e-2, 1.0), st.sampled_from([1e-4, 1e-2, 1.0]))
+@given(
+    st.floats(-3.0, 3.0),
+    st.sampled_from([0.0, 1.0]),
+    st.floats(1e-2, 50.0),
+    st.floats(1e-2, 1.0),
+    st.sampled_from([1e-4, 1e-2, 1.0]),
+)
 def test_a_motion_that_decays_without_a_stop_stays_finite(v, friction, d, m, duration):
     effort = friction if v > 0.0 else -friction
     assert np.isfinite(axis_step(0.0, v, effort, d, m, friction, duration)).all()

@@ -56,9 +56,15 @@ def test_the_figures_of_a_run_are_those_of_its_simulation_to_the_last_bit(runs, 
     for i in range(runs):
         axis, controller = row(AXIS, CONTROLLER, varied, i)
         run = simulate(axis, controller, duration)
-        alone = figures(run.time, run.position - controller.x_r, run.velocity, run.effort,
-                        run.events, TOLERANCES)
-        assert batch[i:i + 1].tobytes() == alone.tobytes(), (axis, controller)
+        alone = figures(
+            run.time,
+            run.position - controller.x_r,
+            run.velocity,
+            run.effort,
+            run.events,
+            TOLERANCES,
+        )
+        assert batch[i : i + 1].tobytes() == alone.tobytes(), (axis, controller)
 
 
 @pytest.mark.parametrize('steps', [1, 2, 3, 10, 333, 1500])
@@ -95,16 +101,18 @@ def test_the_order_of_the_rows_leaves_every_bit():
     varied = assorted(100)
     order = np.random.default_rng(0).permutation(100)
     straight = simulate_batch(AXIS, CONTROLLER, 0.05, varied)
-    mixed = simulate_batch(AXIS, CONTROLLER, 0.05, {
-        name: values[order] for name, values in varied.items()})
+    mixed = simulate_batch(
+        AXIS, CONTROLLER, 0.05, {name: values[order] for name, values in varied.items()}
+    )
     assert straight[order].tobytes() == mixed.tobytes()
 
 
 def test_a_part_of_a_batch_is_the_batch_of_that_part():
     varied = assorted(100)
     whole = simulate_batch(AXIS, CONTROLLER, 0.05, varied)
-    part = simulate_batch(AXIS, CONTROLLER, 0.05, {
-        name: values[37:81] for name, values in varied.items()})
+    part = simulate_batch(
+        AXIS, CONTROLLER, 0.05, {name: values[37:81] for name, values in varied.items()}
+    )
     assert whole[37:81].tobytes() == part.tobytes()
 
 
@@ -149,24 +157,31 @@ def test_a_run_that_diverges_says_so_and_leaves_the_others_alone():
         simulate(*row(AXIS, CONTROLLER, varied, 1), 1.0)
 
 
-@pytest.mark.parametrize(('name', 'values', 'message'), [
-    ('K', [1.0, -1.0, -2.0], r'K\[1\] = -1.0: must be > 0 \[N/m\]'),
-    ('F_c', [0.0, 1.0, np.nan], r'F_c\[2\] = nan: must be >= 0 \[N\]'),
-    ('x_0', [np.inf, 0.0, 0.0], r'x_0\[0\] = inf: must be in \[-1e\+09, 1e\+09\]'),
-    ('alpha_ratio', [0.5, 0.6, 1.0], r'alpha_ratio\[2\] = 1.0: must be in \[0.5, 1\)'),
-    ('c', [1.0, 2.0, 1.5], r'c\[2\] = 1.5: must be one of 1.0, 2.0'),
-    ('damping.kind', ['noise', 'white', 'noise'], r"damping.kind\[1\] = 'white'"),
-    ('damping.seed', [1, 2, -1], r'damping.seed\[2\] = -1: must be in \[0, '),
-    ('damping.lower', [0.1, 0.2, 2.0],
-     r'damping.lower\[2\] = 2.0: must be <= damping.upper = 1.5 \[N s/m\]'),
-    ('hold_off', [1.0, 2.0, 3.0], r'hold_off\[0\] = 1.0: must be an integer'),
-    ('impulses', [1, 0, 1], r'impulses\[0\] = 1: must be true or false'),
-    ('K', ['a', 'b', 'c'], r"K\[0\] = 'a': must be a number \[N/m\]"),
-    ('K', 3.0, r'K of shape \(\): must be \(3,\), as the others'),
-    ('K', [3.0], r'K of shape \(1,\): must be \(3,\), as the others'),
-    ('m', [1.0] * 3, 'm: .* is plant_simulator.m or controller.m meant'),
-    ('time_step', [1e-4] * 3, 'time_step: no such parameter can be varied'),
-    ('dampin.seed', [1] * 3, 'dampin.seed: .* is damping.seed meant')])
+@pytest.mark.parametrize(
+    ('name', 'values', 'message'),
+    [
+        ('K', [1.0, -1.0, -2.0], r'K\[1\] = -1.0: must be > 0 \[N/m\]'),
+        ('F_c', [0.0, 1.0, np.nan], r'F_c\[2\] = nan: must be >= 0 \[N\]'),
+        ('x_0', [np.inf, 0.0, 0.0], r'x_0\[0\] = inf: must be in \[-1e\+09, 1e\+09\]'),
+        ('alpha_ratio', [0.5, 0.6, 1.0], r'alpha_ratio\[2\] = 1.0: must be in \[0.5, 1\)'),
+        ('c', [1.0, 2.0, 1.5], r'c\[2\] = 1.5: must be one of 1.0, 2.0'),
+        ('damping.kind', ['noise', 'white', 'noise'], r"damping.kind\[1\] = 'white'"),
+        ('damping.seed', [1, 2, -1], r'damping.seed\[2\] = -1: must be in \[0, '),
+        (
+            'damping.lower',
+            [0.1, 0.2, 2.0],
+            r'damping.lower\[2\] = 2.0: must be <= damping.upper = 1.5 \[N s/m\]',
+        ),
+        ('hold_off', [1.0, 2.0, 3.0], r'hold_off\[0\] = 1.0: must be an integer'),
+        ('impulses', [1, 0, 1], r'impulses\[0\] = 1: must be true or false'),
+        ('K', ['a', 'b', 'c'], r"K\[0\] = 'a': must be a number \[N/m\]"),
+        ('K', 3.0, r'K of shape \(\): must be \(3,\), as the others'),
+        ('K', [3.0], r'K of shape \(1,\): must be \(3,\), as the others'),
+        ('m', [1.0] * 3, 'm: .* is plant_simulator.m or controller.m meant'),
+        ('time_step', [1e-4] * 3, 'time_step: no such parameter can be varied'),
+        ('dampin.seed', [1] * 3, 'dampin.seed: .* is damping.seed meant'),
+    ],
+)
 def test_what_may_not_be_varied_is_refused_in_one_line(name, values, message):
     with pytest.raises(ParameterError, match=message) as error:
         simulate_batch(AXIS, CONTROLLER, 1.0, {'d_bar': [1.5] * 3, name: values})

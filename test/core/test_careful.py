@@ -32,8 +32,9 @@ def answers(samples, gains):
     memory, watch, answer, told = fresh_memory(), fresh_watch(), np.zeros(1, ANSWER), []
     for position, velocity, *x_r in samples:
         law = replace(gains, x_r=x_r[0]) if x_r else gains
-        control_carefully(memory, watch, law.packed(), packed_care(law.flat(), 1), position,
-                          velocity, answer)
+        control_carefully(
+            memory, watch, law.packed(), packed_care(law.flat(), 1), position, velocity, answer
+        )
         told.append(answer[0].copy())
     return np.array(told, ANSWER)
 
@@ -55,11 +56,11 @@ def energy(run: Run) -> np.ndarray:
 
 # -- the dead bands ---------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize('seed', range(1, 6))
 @pytest.mark.parametrize('F_c', [0.0, 0.1, 1.0])
 @pytest.mark.parametrize('damping', [0.15, 1.0])
-def test_an_encoder_and_noise_leave_no_impulse_at_rest_and_two_steps_of_error(
-        seed, F_c, damping):
+def test_an_encoder_and_noise_leave_no_impulse_at_rest_and_two_steps_of_error(seed, F_c, damping):
     axis = Axis(F_c=F_c, damping=Damping(value=damping), sensor=replace(NOISY, seed=seed))
     run = simulate(axis, WARY, 4.0)
     assert impulses_per_second(run) == 0.0
@@ -78,7 +79,7 @@ def test_an_impulse_at_a_stand_puts_in_less_than_the_spring_gives_back():
     for guard, position in ((VELOCITY_ZERO, 0.3), (STICKING, 0.3), (STICKING, 1e-3)):
         told = answers([(position, 0.0)] * 2, Controller())[0 if guard == VELOCITY_ZERO else 1]
         assert told['guard'] == guard
-        assert told['area']**2 / (2 * M) < 0.6 * 0.5 * K * position**2
+        assert told['area'] ** 2 / (2 * M) < 0.6 * 0.5 * K * position**2
 
 
 @pytest.mark.parametrize('F_c', [0.0, 0.3, 1.0])
@@ -93,6 +94,7 @@ def test_differences_of_an_encoder_storm_until_a_crossing_counts_once(F_c):
 
 
 # -- the options, guard by guard --------------------------------------------------------------
+
 
 def test_half_a_sample_of_lead_halves_the_delay_of_a_position_zero():
     late = {}
@@ -115,7 +117,8 @@ def test_the_dead_band_is_one_of_the_error_whatever_the_lead(lead):
     edge = gains.position_deadband
     assert not answers([(edge - 1e-7, 2.0), (edge - 1e-7, 0.04)] * 9, gains)['guard'].any()
     assert answers([(edge + 1e-7, -2.0), (edge + 1e-7, -0.04)], gains)['guard'][1] == (
-        VELOCITY_ZERO)
+        VELOCITY_ZERO
+    )
 
 
 def fired_at(samples, gains):
@@ -135,7 +138,7 @@ def test_a_crossing_that_hold_off_lets_pass_counts_for_nothing():
     h = 1e-3
     samples = [(2 * h, -2.0), (-2 * h, -2.0), (0.5 * h, 2.0), (-0.5 * h, -2.0)]
     assert fired_at(samples, Controller(hold_off=1, position_hysteresis=h)) == [1, 3]
-    zigzag = [((-1)**k * h, 2.0) for k in range(60)]
+    zigzag = [((-1) ** k * h, 2.0) for k in range(60)]
     assert np.diff(fired_at(zigzag, Controller(hold_off=5, lead=1e-9))).min() == 6
 
 
@@ -164,8 +167,13 @@ def test_standing_counts_from_when_all_of_the_impulse_has_left():
 
 def test_with_lead_the_overshoot_behind_the_first_crossing_is_smaller():
     def overshoot(lead):
-        return [-simulate(Axis(F_c=0.0, damping=Damping(value=value)), Controller(lead=lead),
-                          0.2).position.min() for value in np.linspace(0.15, 0.5, 40).tolist()]
+        return [
+            -simulate(
+                Axis(F_c=0.0, damping=Damping(value=value)), Controller(lead=lead), 0.2
+            ).position.min()
+            for value in np.linspace(0.15, 0.5, 40).tolist()
+        ]
+
     assert np.median(overshoot(0.5)) < 0.75 * np.median(overshoot(0.0))
 
 
@@ -185,6 +193,7 @@ def test_noise_at_the_edge_of_the_dead_band_is_one_arrival_at_zero():
     def arrivals(hysteresis):
         gains = replace(WARY, velocity_hysteresis=hysteresis, stick_samples=1000)
         return np.count_nonzero(answers(creep, gains)['guard'] == VELOCITY_ZERO)
+
     assert arrivals(0.0) > 100
     assert arrivals(0.03) == 1
 
@@ -222,8 +231,7 @@ def test_a_set_point_jump_in_motion_is_no_position_zero(lead, hysteresis):
 
 def test_behind_a_delay_one_impulse_is_not_given_again_before_it_acts():
     axis = Axis(F_c=1.0, sensor=NOISY, actuator=Actuator(delay=10))
-    hasty, patient = (simulate(axis, replace(WARY, stick_samples=pause), 4.0)
-                      for pause in (1, 12))
+    hasty, patient = (simulate(axis, replace(WARY, stick_samples=pause), 4.0) for pause in (1, 12))
     alone = simulate(Axis(F_c=1.0, sensor=NOISY), WARY, 4.0)
     assert np.abs(hasty.effort).max() > 5 * np.abs(alone.effort).max()
     assert np.abs(patient.effort).max() < 1.01 * np.abs(alone.effort).max()
@@ -232,6 +240,7 @@ def test_behind_a_delay_one_impulse_is_not_given_again_before_it_acts():
 
 
 # -- no velocity in the message ---------------------------------------------------------------
+
 
 def test_the_estimate_follows_a_steady_velocity_and_comes_to_rest_exactly():
     ride = [(min(k, 500) * 1e-4 * 2.0, math.nan) for k in range(4000)]
@@ -263,8 +272,16 @@ def test_from_positions_alone_the_axis_settles_within_two_steps_and_rests(F_c, d
     # 4 pi 50 Hz Q = 0.096 m/s: twice what one step of the encoder makes of the estimate
     gains = replace(WARY, velocity_deadband=0.12)
     for x_0 in np.linspace(0.05, 0.6, 12).tolist():
-        run = simulate(Axis(F_c=F_c, x_0=x_0, damping=Damping(value=damping),
-                            sensor=Sensor(resolution=Q, velocity='none')), gains, 4.0)
+        run = simulate(
+            Axis(
+                F_c=F_c,
+                x_0=x_0,
+                damping=Damping(value=damping),
+                sensor=Sensor(resolution=Q, velocity='none'),
+            ),
+            gains,
+            4.0,
+        )
         assert impulses_per_second(run) == 0.0
         assert farthest(run) < 2.0
 
@@ -275,8 +292,9 @@ def test_a_bad_velocity_is_not_looked_at_where_the_law_is_told_to_estimate(limit
     wary = replace(WARY, velocity_deadband=0.12, effort_limit=limit)
     assert impulses_per_second(simulate(Axis(F_c=0.0, sensor=sensor), wary, 4.0)) > 50.0
     for F_c in (0.0, 0.3, 1.0):
-        run = simulate(Axis(F_c=F_c, sensor=sensor),
-                       replace(wary, velocity_source='estimated'), 4.0)
+        run = simulate(
+            Axis(F_c=F_c, sensor=sensor), replace(wary, velocity_source='estimated'), 4.0
+        )
         without = simulate(Axis(F_c=F_c, sensor=replace(sensor, velocity='none')), wary, 4.0)
         assert np.array_equal(run.position, without.position)
         assert impulses_per_second(run) == 0.0
@@ -291,6 +309,7 @@ def test_a_dead_band_below_one_step_of_the_estimate_storms():
 
 # -- the integral -----------------------------------------------------------------------------
 
+
 def test_with_an_integral_gain_the_law_is_a_pid():
     error, v, gain = 0.01, -0.3, 40.0
     told = answers([(error, v)] * 20, Controller(K_i=gain, impulses=False))['effort']
@@ -300,8 +319,10 @@ def test_with_an_integral_gain_the_law_is_a_pid():
 
 def test_the_integral_carries_a_constant_force_that_pd_leaves_an_error_against():
     axis = Axis(F_c=0.0, disturbance=Disturbance(force=1.0))
-    last = {gain: simulate(axis, Controller(K_i=gain, impulses=False), 10.0).position[-1]
-            for gain in (0.0, 20.0)}
+    last = {
+        gain: simulate(axis, Controller(K_i=gain, impulses=False), 10.0).position[-1]
+        for gain in (0.0, 20.0)
+    }
     assert last[0.0] == pytest.approx(1.0 / K, abs=1e-4)
     assert abs(last[20.0]) < 1e-4
 
@@ -325,6 +346,7 @@ def test_an_integral_gain_taken_away_leaves_nothing():
     for gain in (100.0, 0.0):
         law = Controller(K_i=gain, impulses=False)
         for _ in range(100):
-            control_carefully(memory, watch, law.packed(), packed_care(law.flat(), 1), 0.02, 0.0,
-                              answer)
+            control_carefully(
+                memory, watch, law.packed(), packed_care(law.flat(), 1), 0.02, 0.0, answer
+            )
     assert answer['effort'][0] == -K * 0.02

@@ -18,8 +18,13 @@ def profile(damping, count):
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.sampled_from(['noise', 'sinusoidal']), st.floats(1e-3, 5.0), st.floats(0.0, 5.0),
-       st.floats(0.1, 1e4), st.integers(0, 2**63 - 1))
+@given(
+    st.sampled_from(['noise', 'sinusoidal']),
+    st.floats(1e-3, 5.0),
+    st.floats(0.0, 5.0),
+    st.floats(0.1, 1e4),
+    st.integers(0, 2**63 - 1),
+)
 def test_the_bounds_are_never_broken(kind, lower, width, bandwidth, seed):
     damping = Damping(kind=kind, lower=lower, upper=lower + width, bandwidth=bandwidth, seed=seed)
     values = profile(damping, 300)

@@ -48,11 +48,12 @@ def said(level, gains, axis=None):
 
 # Gains.
 
+
 @pytest.mark.parametrize(('m', 'K', 'd_bar'), [(0.2, 10.0, 1.5), (0.1, 40.0, 0.3)])
 def test_the_recommended_damping_is_critical(m, K, d_bar):
     gains = Controller(m=m, K=K, d_bar=d_bar)
     right = critical_damping(gains)
-    assert (d_bar + right)**2 == pytest.approx(4 * m * K)
+    assert (d_bar + right) ** 2 == pytest.approx(4 * m * K)
     assert f'D = {right:g} N s/m is' in said(Level.WARNING, gains)[0]
     assert said(Level.WARNING, Controller(m=m, K=K, d_bar=d_bar, D=right)) == []
 
@@ -76,7 +77,8 @@ def test_beta_is_that_of_the_control_law(c):
     gains = Controller(c=c, x_r=0.1)
     assert impulse_area(STICKING, gains.packed()[0], 0.2, 0.0) == pytest.approx(-beta(gains, 0.2))
     assert impulse_area(VELOCITY_ZERO, gains.packed()[0], -0.2, 0.0) == (
-        pytest.approx(2 * beta(gains, -0.2)))
+        pytest.approx(2 * beta(gains, -0.2))
+    )
 
 
 def test_pd_alone_sticks_in_the_dead_zone_and_leaves_it_from_outside():
@@ -100,8 +102,11 @@ def test_the_sampled_loop_comes_to_rest_at_the_floor(step, c):
 
 # Predictions.
 
-@pytest.mark.parametrize(('d', 'time'), [
-    (0.15, 0.12143680500356), (0.5, 0.149), (1.0, 0.238), (1.3, 0.436), (1.49, 2.76)])
+
+@pytest.mark.parametrize(
+    ('d', 'time'),
+    [(0.15, 0.12143680500356), (0.5, 0.149), (1.0, 0.238), (1.3, 0.436), (1.49, 2.76)],
+)
 def test_the_first_zero_is_predicted(d, time):
     assert first_zero_time(Controller(), d) == pytest.approx(time, rel=4e-3)
 
@@ -113,8 +118,13 @@ def test_impulses_reach_the_set_point_for_every_damping_below_its_bound_and_none
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.floats(0.02, 3.0), st.floats(-2.0, 2.0).filter(lambda x: abs(x) > 1e-3),
-       st.floats(0.0, 2.0), st.booleans(), st.sampled_from([1.0, 2.0]))
+@given(
+    st.floats(0.02, 3.0),
+    st.floats(-2.0, 2.0).filter(lambda x: abs(x) > 1e-3),
+    st.floats(0.0, 2.0),
+    st.booleans(),
+    st.sampled_from([1.0, 2.0]),
+)
 def test_the_predictions_are_those_of_the_exact_solution(d, error, D, impulses, c):
     gains = Controller(D=D, impulses=impulses, c=c, x_r=0.25)
     zero = first_zero_time(gains, d)
@@ -138,15 +148,25 @@ def test_fig_2_has_its_peak_speeds():
 
 # Findings.
 
+
 def test_table_1_has_no_findings():
     assert findings(Controller()) == []
     assert findings(Controller(), AXIS) == []
     assert critical_damping(Controller()) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(('m', 'level'), [
-    (0.05, Level.WARNING), (0.0833, Level.WARNING), (0.0834, Level.NOTE), (0.12, Level.NOTE),
-    (0.1666, Level.NOTE), (0.1667, Level.ERROR), (1.0, Level.ERROR)])
+@pytest.mark.parametrize(
+    ('m', 'level'),
+    [
+        (0.05, Level.WARNING),
+        (0.0833, Level.WARNING),
+        (0.0834, Level.NOTE),
+        (0.12, Level.NOTE),
+        (0.1666, Level.NOTE),
+        (0.1667, Level.ERROR),
+        (1.0, Level.ERROR),
+    ],
+)
 def test_a_wrong_mass_is_judged_by_the_bounds_of_alpha(m, level):
     texts = said(level, Controller(m=m), AXIS)
     assert f'm = {m:g} kg is not that of the axis, 0.1 kg' in texts[-1]
@@ -156,7 +176,7 @@ def test_a_wrong_mass_is_judged_by_the_bounds_of_alpha(m, level):
 
 def test_the_mass_with_the_payload_is_judged_too():
     loaded = replace(AXIS, payload=Payload(mass=0.3))
-    text, = said(Level.WARNING, Controller(), loaded)
+    (text,) = said(Level.WARNING, Controller(), loaded)
     assert text.startswith('m = 0.1 kg is not that of the axis with its payload, 0.4 kg')
     relieved = replace(AXIS, m=0.2, payload=Payload(mass=-0.1))
     assert ['0.2 kg' in text for text in said(Level.WARNING, Controller(), relieved)] == [True]
@@ -165,17 +185,20 @@ def test_the_mass_with_the_payload_is_judged_too():
 def test_a_lag_raises_the_error_from_which_an_impulse_releases():
     patient = Controller(stick_samples=302, position_deadband=2e-3, velocity_deadband=0.05)
     axis = replace(ROUGH, F_c=0.3, actuator=Actuator(time_constant=1e-2))
-    text, = said(Level.NOTE, patient, axis)
+    (text,) = said(Level.NOTE, patient, axis)
     assert 'a position_deadband above 0.00808033 m ends them' in text  # 2 c F_c T / d_bar and 1 %
     assert at_rest(axis, patient, 2.1e-3, 4e-3) == 24  # that is where even an arrival moves it
     # one that is short beside a sample changes nothing but what is not seen
     assert quiet_error(patient, 0.3, 0.1, 1e-9) == pytest.approx(
-        quiet_error(patient, 0.3, 0.1), rel=2e-5)
+        quiet_error(patient, 0.3, 0.1), rel=2e-5
+    )
 
 
-@pytest.mark.parametrize('damping', [
-    Damping(value=1.6), Damping(kind='noise', upper=1.6), Damping(kind='sinusoidal', upper=1.6)],
-    ids=lambda damping: damping.kind)
+@pytest.mark.parametrize(
+    'damping',
+    [Damping(value=1.6), Damping(kind='noise', upper=1.6), Damping(kind='sinusoidal', upper=1.6)],
+    ids=lambda damping: damping.kind,
+)
 def test_a_damping_above_its_bound_is_a_warning(damping):
     texts = said(Level.WARNING, Controller(), Axis(F_c=0.0, damping=damping))
     assert len(texts) == 1
@@ -188,7 +211,7 @@ def test_friction_without_impulses_is_a_note_on_the_dead_zone():
 
 
 def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
-    text, = said(Level.NOTE, Controller(), ROUGH)
+    (text,) = said(Level.NOTE, Controller(), ROUGH)
     assert text.startswith('position_deadband = 1e-06 m is below 0.000133467 m, up to which')
     assert 'a position_deadband above 0.000133467 m ends them' in text
     gains = Controller(position_deadband=1.34e-4)
@@ -198,22 +221,25 @@ def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_th
 
 def at_rest(axis, gains, least=0.05, most=0.6):
     """Return from how many of 24 starts impulses go on after 2.8 s."""
-    return sum(bool(np.sum(simulate(replace(axis, x_0=x_0), gains, 3.0).events['tick'] >= 28_000))
-               for x_0 in np.linspace(least, most, 24).tolist())
+    return sum(
+        bool(np.sum(simulate(replace(axis, x_0=x_0), gains, 3.0).events['tick'] >= 28_000))
+        for x_0 in np.linspace(least, most, 24).tolist()
+    )
 
 
 def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_double():
     # seen above 0.5 mm/s: m 5e-4 is half of F_c dt
     hiding = Controller(velocity_deadband=5e-4, position_deadband=1.99e-4)
-    text, = said(Level.NOTE, hiding, ROUGH)
+    (text,) = said(Level.NOTE, hiding, ROUGH)
     assert 'above 0.0002 m ends them' in text
     assert at_rest(ROUGH, hiding) > 0
     assert said(Level.NOTE, replace(hiding, position_deadband=2.01e-4), ROUGH) == []
     assert at_rest(ROUGH, replace(hiding, position_deadband=2.01e-4)) == 0
     loaded = replace(ROUGH, payload=Payload(mass=0.1))
-    assert any('above 0.000266667 m ends them' in text
-               for text in said(Level.NOTE, hiding, loaded))
-    text, = said(Level.NOTE, replace(hiding, velocity_deadband=1.0), ROUGH)
+    assert any(
+        'above 0.000266667 m ends them' in text for text in said(Level.NOTE, hiding, loaded)
+    )
+    (text,) = said(Level.NOTE, replace(hiding, velocity_deadband=1.0), ROUGH)
     assert 'above 0.000266667 m ends them' in text
 
 
@@ -224,6 +250,7 @@ def test_an_encoder_shows_no_error_between_its_steps():
     def noted(F_c, x_r=0.0):
         axis = replace(ROUGH, F_c=F_c, sensor=Sensor(resolution=q))
         return said(Level.NOTE, replace(gains, x_r=x_r), axis) != []
+
     # two steps are the first that are acted upon, and what an impulse has to release from
     assert (noted(0.74), noted(0.76)) == (False, True)
     # a set-point between two steps: 1.6 of them, on one side
@@ -240,8 +267,9 @@ def test_an_effort_limit_within_the_friction_is_an_error():
     assert 'effort_limit = 1 N' in said(Level.ERROR, Controller(effort_limit=1.0), ROUGH)[0]
     assert said(Level.ERROR, Controller(effort_limit=1.1), ROUGH) == []
     sticky = replace(ROUGH, stribeck=Stribeck(F_s=1.5))
-    assert 'does not exceed F_s = 1.5 N' in said(
-        Level.ERROR, Controller(effort_limit=1.1), sticky)[0]
+    assert (
+        'does not exceed F_s = 1.5 N' in said(Level.ERROR, Controller(effort_limit=1.1), sticky)[0]
+    )
     assert said(Level.ERROR, Controller(effort_limit=1.6), sticky) == []
 
 
@@ -249,33 +277,63 @@ def test_another_time_step_is_an_error():
     assert 'time_step = 0.001 s' in said(Level.ERROR, Controller(time_step=1e-3), AXIS)[0]
 
 
-@pytest.mark.parametrize(('change', 'text'), [
-    ({'c': 1.0}, 'c = 1 makes'), ({'hold_off': 8}, 'hold_off = 8 samples')])
+@pytest.mark.parametrize(
+    ('change', 'text'), [({'c': 1.0}, 'c = 1 makes'), ({'hold_off': 8}, 'hold_off = 8 samples')]
+)
 def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
     assert said(Level.NOTE, Controller(**change))[0].startswith(text)
     assert findings(Controller(impulses=False, **change)) == []
 
 
-@pytest.mark.parametrize(('axis', 'change', 'text'), [
-    (Axis(sensor=Sensor(resolution=1e-3)), {'position_deadband': 1.5e-3},
-     'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.0015 m, '
-     '1.5 steps of the encoder of 0.001 m'),
-    (Axis(sensor=Sensor(position_noise=1e-3)), {'position_deadband': 4e-3},
-     'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.004 m'),
-    (Axis(sensor=Sensor(resolution=1e-9, position_noise=1e-9, velocity='none')),
-     {'velocity_deadband': 1.9e-6}, 'velocity_deadband = 0 m/s lets an axis at rest have impulse '
-     'after impulse: 1.88496e-06 m/s'),
-    (Axis(actuator=Actuator(delay=2, time_constant=1e-3)), {'stick_samples': 33},
-     'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 33 samples'),
-    (Axis(sensor=Sensor(velocity_noise=1e-2)), {'velocity_deadband': 0.04},
-     'velocity_deadband = 1e-06 m/s lets an axis at rest have impulse after impulse: 0.04 m/s, '
-     'four times the velocity_noise of 0.01 m/s, ends them'),
-    (Axis(sensor=Sensor(resolution=1e-9, velocity='none')),
-     {'velocity_deadband': 6.3e-7, 'velocity_bandwidth': 50.0},
-     'velocity_deadband = 0 m/s lets an axis at rest have impulse after impulse: 6.28319e-07 m/s'),
-    (Axis(actuator=Actuator(delay=7)), {'stick_samples': 8},
-     'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 8 samples, '
-     'more than the actuator takes to act, its delay of 7 samples')])
+@pytest.mark.parametrize(
+    ('axis', 'change', 'text'),
+    [
+        (
+            Axis(sensor=Sensor(resolution=1e-3)),
+            {'position_deadband': 1.5e-3},
+            'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: '
+            '0.0015 m, '
+            '1.5 steps of the encoder of 0.001 m',
+        ),
+        (
+            Axis(sensor=Sensor(position_noise=1e-3)),
+            {'position_deadband': 4e-3},
+            'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.004 m',
+        ),
+        (
+            Axis(sensor=Sensor(resolution=1e-9, position_noise=1e-9, velocity='none')),
+            {'velocity_deadband': 1.9e-6},
+            'velocity_deadband = 0 m/s lets an axis at rest have impulse '
+            'after impulse: 1.88496e-06 m/s',
+        ),
+        (
+            Axis(actuator=Actuator(delay=2, time_constant=1e-3)),
+            {'stick_samples': 33},
+            'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 33 '
+            'samples',
+        ),
+        (
+            Axis(sensor=Sensor(velocity_noise=1e-2)),
+            {'velocity_deadband': 0.04},
+            'velocity_deadband = 1e-06 m/s lets an axis at rest have impulse after impulse: '
+            '0.04 m/s, '
+            'four times the velocity_noise of 0.01 m/s, ends them',
+        ),
+        (
+            Axis(sensor=Sensor(resolution=1e-9, velocity='none')),
+            {'velocity_deadband': 6.3e-7, 'velocity_bandwidth': 50.0},
+            'velocity_deadband = 0 m/s lets an axis at rest have impulse after impulse: '
+            '6.28319e-07 m/s',
+        ),
+        (
+            Axis(actuator=Actuator(delay=7)),
+            {'stick_samples': 8},
+            'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 8 '
+            'samples, '
+            'more than the actuator takes to act, its delay of 7 samples',
+        ),
+    ],
+)
 def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, change, text):
     gains = Controller(velocity_deadband=0.0) if '0 m/s lets' in text else Controller()
     assert any(warning.startswith(text) for warning in said(Level.WARNING, gains, axis))
@@ -286,7 +344,7 @@ def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, chan
 def test_an_actuator_that_cuts_impulses_off_is_a_warning():
     axis = replace(AXIS, actuator=Actuator(limit=20.0))
     for limit in (0.0, 20.1):
-        text, = said(Level.WARNING, Controller(effort_limit=limit), axis)
+        (text,) = said(Level.WARNING, Controller(effort_limit=limit), axis)
         assert text.startswith(f'effort_limit = {limit:g} N is above the 20 N of the actuator')
     assert said(Level.WARNING, Controller(effort_limit=20.0), axis) == []
 
@@ -294,15 +352,22 @@ def test_an_actuator_that_cuts_impulses_off_is_a_warning():
 def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
     sensor = Sensor(resolution=1e-4, velocity='difference')
     gains = Controller(position_deadband=1.5e-4)
-    text, = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
+    (text,) = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
     assert 'm as 1 m/s' in text
     assert text.endswith(
-        'velocity_source = estimated, with velocity_deadband above 0.0628319 m/s, ends them')
+        'velocity_source = estimated, with velocity_deadband above 0.0628319 m/s, ends them'
+    )
     assert said(Level.WARNING, gains, replace(AXIS, sensor=replace(sensor, resolution=0.0))) == []
     estimating = replace(gains, velocity_source='estimated', velocity_deadband=0.063)
     assert said(Level.WARNING, estimating, replace(AXIS, sensor=sensor)) == []
-    assert said(Level.WARNING, replace(estimating, velocity_deadband=0.06),
-                replace(AXIS, sensor=sensor)) != []
+    assert (
+        said(
+            Level.WARNING,
+            replace(estimating, velocity_deadband=0.06),
+            replace(AXIS, sensor=sensor),
+        )
+        != []
+    )
 
 
 def test_the_encoder_experiment_has_no_findings():
@@ -312,14 +377,17 @@ def test_the_encoder_experiment_has_no_findings():
 
 def test_an_integral_gain_that_is_unstable_without_damping_is_a_warning():
     limit = 0.5 * 10.0 / 0.1
-    text, = said(Level.WARNING, Controller(K_i=limit))
+    (text,) = said(Level.WARNING, Controller(K_i=limit))
     assert f'K_i = {limit:g} N/(m s) is unstable' in text
     assert said(Level.WARNING, Controller(K_i=0.99 * limit)) == []
     # and so it is: it grows above the bound and decays below it
     axis = Axis(F_c=0.0, damping=Damping(value=1e-6))
-    ends = {factor: np.abs(simulate(
-        axis, Controller(K_i=factor * limit, impulses=False), 20.0).position[-5000:]).max()
-        for factor in (0.9, 1.1)}
+    ends = {
+        factor: np.abs(
+            simulate(axis, Controller(K_i=factor * limit, impulses=False), 20.0).position[-5000:]
+        ).max()
+        for factor in (0.9, 1.1)
+    }
     assert ends[0.9] < axis.x_0 < ends[1.1]
 
 

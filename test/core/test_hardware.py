@@ -33,23 +33,44 @@ from impulse_control_ros.core.stribeck import Stribeck
 STEP, M, D = 1e-4, 0.1, 0.15
 FREE = Controller(K=1e-300, D=0.0, impulses=False)  # no effort
 EVERYTHING = Axis(
-    F_c=0.3, damping=Damping(kind='noise'), stribeck=Stribeck(F_s=0.5, v_s=0.02),
+    F_c=0.3,
+    damping=Damping(kind='noise'),
+    stribeck=Stribeck(F_s=0.5, v_s=0.02),
     sensor=Sensor(resolution=1e-4, position_noise=1e-5, velocity_noise=1e-2),
     actuator=Actuator(limit=500.0, time_constant=3e-4, delay=3),
-    payload=Payload(mass=0.02, time=0.1), disturbance=Disturbance(kind='noise', force=0.2))
+    payload=Payload(mass=0.02, time=0.1),
+    disturbance=Disturbance(kind='noise', force=0.2),
+)
 
 
-@pytest.mark.parametrize('axis', [
-    Axis(F_c=0.0), Axis(F_c=1.0, x_0=0.15), Axis(F_c=0.3, damping=Damping(kind='noise')),
-    Axis(x_0=0.0), Axis(damping=Damping(value=30.0))], ids=str)
-@pytest.mark.parametrize('controller', [
-    Controller(), Controller(effort_limit=50.0), Controller(hold_off=5, c=1.0),
-    Controller(impulses=False)], ids=str)
+@pytest.mark.parametrize(
+    'axis',
+    [
+        Axis(F_c=0.0),
+        Axis(F_c=1.0, x_0=0.15),
+        Axis(F_c=0.3, damping=Damping(kind='noise')),
+        Axis(x_0=0.0),
+        Axis(damping=Damping(value=30.0)),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize(
+    'controller',
+    [
+        Controller(),
+        Controller(effort_limit=50.0),
+        Controller(hold_off=5, c=1.0),
+        Controller(impulses=False),
+    ],
+    ids=str,
+)
 def test_with_all_off_the_real_plant_makes_the_bits_of_the_ideal_one(axis, controller):
     (ideal, fired), (real, fired_too) = (
-        made(axis, controller, 3000) for made in (made_ideally, made_really))
+        made(axis, controller, 3000) for made in (made_ideally, made_really)
+    )
     assert {name: values.tobytes() for name, values in ideal.items()} == {
-        name: values.tobytes() for name, values in real.items()}
+        name: values.tobytes() for name, values in real.items()
+    }
     assert np.array_equal(fired, fired_too)
 
 
@@ -73,7 +94,8 @@ def test_a_velocity_by_difference_is_that_of_the_measured_positions():
     run = simulate(Axis(sensor=Sensor(resolution=1e-4, velocity='difference')), Controller(), 0.2)
     assert run.measured_velocity[0] == 0.0
     assert run.measured_velocity[1:] == pytest.approx(
-        np.diff(run.measured_position) / STEP, abs=1e-9)
+        np.diff(run.measured_position) / STEP, abs=1e-9
+    )
 
 
 def test_a_position_sensor_measures_no_velocity():
@@ -83,8 +105,11 @@ def test_a_position_sensor_measures_no_velocity():
 
 
 def test_noise_is_normal_and_no_two_streams_are_alike():
-    draws = {(seed, start): np.array([normal(seed, start, k) for k in range(20_000)])
-             for seed in (1, 2) for start in (POSITION_NOISE, VELOCITY_NOISE)}
+    draws = {
+        (seed, start): np.array([normal(seed, start, k) for k in range(20_000)])
+        for seed in (1, 2)
+        for start in (POSITION_NOISE, VELOCITY_NOISE)
+    }
     for values in draws.values():
         expected = np.array([NormalDist().cdf(value) for value in np.sort(values)])
         # Kolmogorov and Smirnov: 1.63 / sqrt(n) is exceeded once in a hundred seeds
@@ -100,8 +125,12 @@ def test_noise_has_the_standard_deviation_that_is_asked_for():
 
 
 def test_one_seed_is_one_run_and_another_is_another():
-    runs = [simulate(replace(EVERYTHING, sensor=replace(EVERYTHING.sensor, seed=seed)),
-                     Controller(), 0.3).position.tobytes() for seed in (1, 1, 2)]
+    runs = [
+        simulate(
+            replace(EVERYTHING, sensor=replace(EVERYTHING.sensor, seed=seed)), Controller(), 0.3
+        ).position.tobytes()
+        for seed in (1, 1, 2)
+    ]
     assert runs[0] == runs[1] != runs[2]
 
 
@@ -109,7 +138,7 @@ def test_one_seed_is_one_run_and_another_is_another():
 def test_a_delayed_command_acts_so_many_samples_later(delay):
     run = simulate(Axis(actuator=Actuator(delay=delay)), Controller(impulses=False), 0.2)
     assert not run.applied[:delay].any()
-    assert np.array_equal(run.applied[delay:], run.effort[:-1 - delay])
+    assert np.array_equal(run.applied[delay:], run.effort[: -1 - delay])
 
 
 def test_an_actuator_clips_what_is_above_its_limit():
@@ -120,8 +149,11 @@ def test_an_actuator_clips_what_is_above_its_limit():
 
 @pytest.mark.parametrize('time_constant', [1e-6, 1e-4, 3e-3])
 def test_a_lag_keeps_the_area_of_every_command_and_delays_it_by_its_time_constant(time_constant):
-    run = simulate(Axis(F_c=0.0, actuator=Actuator(time_constant=time_constant)),
-                   Controller(impulses=False), 0.1)
+    run = simulate(
+        Axis(F_c=0.0, actuator=Actuator(time_constant=time_constant)),
+        Controller(impulses=False),
+        0.1,
+    )
     left = run.effort[:-1] - run.applied
     # what went in and has not come out is T times what the output lacks
     output = 0.0
@@ -133,18 +165,24 @@ def test_a_lag_keeps_the_area_of_every_command_and_delays_it_by_its_time_constan
 def coasted(velocity, force, mass, seconds):
     """Return where a mass comes from 0, and how fast, in ``seconds`` under damping D."""
     decay, final = math.exp(-D * seconds / mass), force / D
-    return (final * seconds + (velocity - final) * mass / D * (1 - decay),
-            final + (velocity - final) * decay)
+    return (
+        final * seconds + (velocity - final) * mass / D * (1 - decay),
+        final + (velocity - final) * decay,
+    )
 
 
 def test_a_constant_force_acts_from_its_start_to_its_end_on_the_mass_of_the_time():
-    axis = Axis(F_c=0.0, x_0=0.0, payload=Payload(mass=0.3, time=0.2),
-                disturbance=Disturbance(force=2.0, start=0.1, end=0.3))
+    axis = Axis(
+        F_c=0.0,
+        x_0=0.0,
+        payload=Payload(mass=0.3, time=0.2),
+        disturbance=Disturbance(force=2.0, start=0.1, end=0.3),
+    )
     run = simulate(axis, FREE, 0.4)
     x, v = 0.0, 0.0
     for (begin, end), force, mass in zip(
-            pairwise([0.0, 0.1, 0.2, 0.3, 0.4]), [0.0, 2.0, 2.0, 0.0], [M, M, 0.4, 0.4],
-            strict=True):
+        pairwise([0.0, 0.1, 0.2, 0.3, 0.4]), [0.0, 2.0, 2.0, 0.0], [M, M, 0.4, 0.4], strict=True
+    ):
         change, v = coasted(v, force, mass, end - begin)
         x += change
         at = round(end / STEP)
@@ -153,12 +191,16 @@ def test_a_constant_force_acts_from_its_start_to_its_end_on_the_mass_of_the_time
 
 def test_a_sinusoidal_and_a_noisy_force_have_their_amplitude():
     heavy = {'m': 1e6, 'F_c': 0.0, 'v_0': 0.0, 'x_0': 0.0}
-    wave = simulate(Axis(**heavy, disturbance=Disturbance(
-        kind='sinusoidal', force=3.0, bandwidth=2.0)), FREE, 1.0)
+    wave = simulate(
+        Axis(**heavy, disturbance=Disturbance(kind='sinusoidal', force=3.0, bandwidth=2.0)),
+        FREE,
+        1.0,
+    )
     force = np.diff(wave.velocity) * 1e6 / STEP
     assert force == pytest.approx(3.0 * np.sin(4 * math.pi * wave.time[:-1]), abs=1e-2)
-    noise = simulate(Axis(**heavy, disturbance=Disturbance(
-        kind='noise', force=3.0, bandwidth=500.0)), FREE, 2.0)
+    noise = simulate(
+        Axis(**heavy, disturbance=Disturbance(kind='noise', force=3.0, bandwidth=500.0)), FREE, 2.0
+    )
     force = np.diff(noise.velocity) * 1e6 / STEP
     assert np.std(force) == pytest.approx(3.0, rel=0.05)
 
@@ -178,32 +220,53 @@ def noisy_force(axis, reset_at, samples=4000):
 def test_noise_of_a_force_has_its_amplitude_from_the_first_sample_and_from_a_reset_on():
     wide = []
     for seed in range(200):
-        axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, disturbance=Disturbance(
-            kind='noise', force=3.0, bandwidth=5.0, seed=seed))
+        axis = Axis(
+            m=1e6,
+            F_c=0.0,
+            x_0=0.0,
+            v_0=0.0,
+            disturbance=Disturbance(kind='noise', force=3.0, bandwidth=5.0, seed=seed),
+        )
         wide.append(noisy_force(axis, reset_at=5, samples=10)[[0, 4, 5, 9]])
     assert np.std(wide, axis=0) == pytest.approx(3.0, rel=0.15)
 
 
 def test_a_force_that_is_noise_is_not_the_noise_of_the_damping():
-    axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, damping=Damping(kind='noise', seed=1),
-                disturbance=Disturbance(kind='noise', force=3.0, bandwidth=5.0, seed=1))
+    axis = Axis(
+        m=1e6,
+        F_c=0.0,
+        x_0=0.0,
+        v_0=0.0,
+        damping=Damping(kind='noise', seed=1),
+        disturbance=Disturbance(kind='noise', force=3.0, bandwidth=5.0, seed=1),
+    )
     run = simulate(axis, FREE, 1.0)
     force = np.diff(run.velocity) * 1e6 / STEP
     assert abs(np.corrcoef(force[::100], run.damping[::100])[0, 1]) < 0.9
 
 
 def test_a_sinusoidal_force_begins_with_zero_at_its_start():
-    axis = Axis(m=1e6, F_c=0.0, x_0=0.0, v_0=0.0, disturbance=Disturbance(
-        kind='sinusoidal', force=3.0, bandwidth=2.0, start=0.1))
+    axis = Axis(
+        m=1e6,
+        F_c=0.0,
+        x_0=0.0,
+        v_0=0.0,
+        disturbance=Disturbance(kind='sinusoidal', force=3.0, bandwidth=2.0, start=0.1),
+    )
     force = np.diff(simulate(axis, FREE, 0.5).velocity) * 1e6 / STEP
     time = np.arange(len(force)) * STEP
     assert force == pytest.approx(
-        np.where(time < 0.1, 0.0, 3.0 * np.sin(4 * math.pi * (time - 0.1))), abs=1e-2)
+        np.where(time < 0.1, 0.0, 3.0 * np.sin(4 * math.pi * (time - 0.1))), abs=1e-2
+    )
 
 
 def test_payload_and_force_act_on_an_axis_with_stribeck_friction_too():
-    plain = Axis(F_c=0.3, x_0=0.0, payload=Payload(mass=0.3, time=0.2),
-                 disturbance=Disturbance(force=2.0, start=0.1))
+    plain = Axis(
+        F_c=0.3,
+        x_0=0.0,
+        payload=Payload(mass=0.3, time=0.2),
+        disturbance=Disturbance(force=2.0, start=0.1),
+    )
     # a curve that is flat: the same friction, by the other kernel
     curved = replace(plain, stribeck=Stribeck(F_s=0.3 * (1 + 1e-9), v_s=1.0))
     expected, run = (simulate(axis, FREE, 0.4) for axis in (plain, curved))
@@ -215,7 +278,8 @@ def test_a_velocity_by_difference_has_the_noise_of_the_velocity_too():
     sensor = Sensor(velocity='difference', velocity_noise=1e-2)
     run = simulate(Axis(F_c=0.0, sensor=sensor), FREE, 1.0)
     assert np.std(run.measured_velocity[1:] - np.diff(run.position) / STEP) == pytest.approx(
-        1e-2, rel=0.05)
+        1e-2, rel=0.05
+    )
 
 
 def test_a_reset_empties_the_actuator_of_what_is_on_its_way():
@@ -232,43 +296,62 @@ def test_a_reset_empties_the_actuator_of_what_is_on_its_way():
 def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():
     draw, runs = np.random.default_rng(1), 40
     varied = {
-        'F_c': draw.choice([0.0, 0.3], runs), 'x_0': draw.uniform(-0.5, 0.5, runs),
+        'F_c': draw.choice([0.0, 0.3], runs),
+        'x_0': draw.uniform(-0.5, 0.5, runs),
         'sensor.resolution': draw.choice([0.0, 1e-4, 1e-3], runs),
         'sensor.velocity': draw.choice(['ideal', 'difference', 'none'], runs),
         'sensor.velocity_noise': draw.choice([0.0, 1e-2], runs),
-        'sensor.seed': np.arange(runs), 'actuator.delay': draw.choice([0, 3, 20], runs),
+        'sensor.seed': np.arange(runs),
+        'actuator.delay': draw.choice([0, 3, 20], runs),
         'actuator.limit': draw.choice([0.0, 100.0], runs),
         'actuator.time_constant': draw.choice([0.0, 1e-3], runs),
         'payload.mass': draw.choice([0.0, 0.05, -0.05], runs),
         'disturbance.kind': draw.choice(['constant', 'noise', 'sinusoidal'], runs),
         'disturbance.force': draw.choice([0.0, 0.5], runs),
         'stribeck.F_s': draw.choice([0.0, 0.6], runs),
-        'lead': draw.choice([0.0, 0.5], runs), 'stick_samples': draw.choice([1, 30], runs)}
+        'lead': draw.choice([0.0, 0.5], runs),
+        'stick_samples': draw.choice([1, 30], runs),
+    }
     batch = simulate_batch(Axis(), Controller(), 0.2, varied, (1e-2, 1e-3))
     for i in range(runs):
         axis, controller = row(Axis(), Controller(), varied, i)
         run = simulate(axis, controller, 0.2)
-        alone = figures(run.time, run.position - controller.x_r, run.velocity, run.effort,
-                        run.events, (1e-2, 1e-3))
-        assert batch[i:i + 1].tobytes() == alone.tobytes(), (axis, controller)
+        alone = figures(
+            run.time,
+            run.position - controller.x_r,
+            run.velocity,
+            run.effort,
+            run.events,
+            (1e-2, 1e-3),
+        )
+        assert batch[i : i + 1].tobytes() == alone.tobytes(), (axis, controller)
 
 
-@pytest.mark.parametrize(('values', 'said'), [
-    ({'payload.mass': -0.1}, r'payload.mass = -0.1: must be > -m = -0.1 \[kg\]'),
-    ({'F_c': 1.0, 'stribeck.F_s': 0.5}, r'F_s = 0.5: must be 0 or >= F_c = 1 \[N'),
-    ({'disturbance.start': 1.0, 'disturbance.end': 0.5},
-     r'disturbance.end = 0.5: must be 0 or > disturbance.start = 1 \[s\]'),
-    ({'sensor.resolution': 1e-320}, r'resolution = 1e-320: must be 0 or >= 1e-12'),
-    ({'sensor.seed': 2**64}, r'seed = 18446744073709551616: must be in \[0, 9.22'),
-    ({'actuator.delay': 1001}, r'delay = 1001: must be in \[0, 1000\]'),
-    ({'sensor.velocity': 'noisy'}, "velocity = 'noisy': must be one of ideal, dif"),
-])
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ({'payload.mass': -0.1}, r'payload.mass = -0.1: must be > -m = -0.1 \[kg\]'),
+        ({'F_c': 1.0, 'stribeck.F_s': 0.5}, r'F_s = 0.5: must be 0 or >= F_c = 1 \[N'),
+        (
+            {'disturbance.start': 1.0, 'disturbance.end': 0.5},
+            r'disturbance.end = 0.5: must be 0 or > disturbance.start = 1 \[s\]',
+        ),
+        ({'sensor.resolution': 1e-320}, r'resolution = 1e-320: must be 0 or >= 1e-12'),
+        ({'sensor.seed': 2**64}, r'seed = 18446744073709551616: must be in \[0, 9.22'),
+        ({'actuator.delay': 1001}, r'delay = 1001: must be in \[0, 1000\]'),
+        ({'sensor.velocity': 'noisy'}, "velocity = 'noisy': must be one of ideal, dif"),
+    ],
+)
 def test_hardware_that_cannot_be_is_refused_alone_and_in_a_batch(values, said):
     with pytest.raises(ParameterError, match=said):
         build(Axis, values)
     with pytest.raises(ParameterError, match='invalid .*: must be'):
-        simulate_batch(Axis(), Controller(), 0.1, {
-            name: np.array([Axis().flat()[name], value]) for name, value in values.items()})
+        simulate_batch(
+            Axis(),
+            Controller(),
+            0.1,
+            {name: np.array([Axis().flat()[name], value]) for name, value in values.items()},
+        )
 
 
 def test_the_exact_solution_is_that_of_an_ideal_axis_only():

@@ -33,6 +33,7 @@ def one_jump(axis, controller, duration, **options):
 
 # The closed forms, one by one.
 
+
 def textbook_response(rate, stiffness, t):
     """Return E C, h and H by their definitions; complex roots serve every damping."""
     rate, stiffness, t = mpf(rate), mpf(stiffness), mpf(t)
@@ -43,9 +44,15 @@ def textbook_response(rate, stiffness, t):
     return [mp.re(value) for value in (cosine, h, (1 - cosine - rate * h) / stiffness)]
 
 
-RATES = {'no damping': 1e-9, 'underdamped': 3.25, 'nearly critical': 10 * (1 - 1e-13),
-         'critical': 10.0, 'just overdamped': 10 * (1 + 1e-13), 'overdamped': 40.0,
-         'far overdamped': 1e5}
+RATES = {
+    'no damping': 1e-9,
+    'underdamped': 3.25,
+    'nearly critical': 10 * (1 - 1e-13),
+    'critical': 10.0,
+    'just overdamped': 10 * (1 + 1e-13),
+    'overdamped': 40.0,
+    'far overdamped': 1e5,
+}
 
 
 @pytest.mark.parametrize('rate', RATES.values(), ids=RATES)
@@ -59,24 +66,33 @@ def test_the_response_is_that_of_the_textbook_at_every_damping_and_time(rate, t)
 
 
 @pytest.mark.parametrize('rate', RATES.values(), ids=RATES)
-@pytest.mark.parametrize(('value', 'slope'), [
-    (1.0, -1.0), (1.0, -9.999), (1.0, -60.0), (1e-3, -9.0), (1.0, 3.0), (0.0, 1.0), (1.0, 0.0)])
+@pytest.mark.parametrize(
+    ('value', 'slope'),
+    [(1.0, -1.0), (1.0, -9.999), (1.0, -60.0), (1e-3, -9.0), (1.0, 3.0), (0.0, 1.0), (1.0, 0.0)],
+)
 def test_a_first_zero_is_a_zero_and_there_is_none_before(rate, value, slope):
     t = first_zero(value, slope, rate, 100.0)
-    curvature = mpf(100) - mpf(rate)**2
+    curvature = mpf(100) - mpf(rate) ** 2
     if curvature <= 0 and value * mp.sqrt(-curvature) >= -mpf(slope):
         assert t == math.inf
         return
     root = mp.sqrt(curvature)
-    phase = mp.atan2(mpf(value) * root, -mpf(slope)) / root if curvature > 0 else (
-        mp.re(mp.atan(mpf(value) * root / -mpf(slope)) / root) if root
-        else mpf(value) / -mpf(slope))
+    phase = (
+        mp.atan2(mpf(value) * root, -mpf(slope)) / root
+        if curvature > 0
+        else (
+            mp.re(mp.atan(mpf(value) * root / -mpf(slope)) / root)
+            if root
+            else mpf(value) / -mpf(slope)
+        )
+    )
     # Half a period near critical damping is as uncertain as the last bit of the rate makes it.
     rel = 1e-12 if slope < 0 else 1e-12 + 4e-14 / abs(float(curvature))
     assert t == pytest.approx(float(phase), rel=rel)
 
 
 # The reference: arcs by mp.expm of the matrix of (11), guards by findroot, jumps by (17).
+
 
 class Reference:
     """Event-driven solution in 40 digits, which imports nothing of the package."""
@@ -116,10 +132,17 @@ class Reference:
         piece = next(i for i, end in enumerate(self.ends) if self.t < end)
         until = min(self.ends[piece], duration)
         s = mp.sign(self.v) or -mp.sign(self.e)
-        A = matrix([[0, 1, 0],
-                    [-self.K / self.m, -(self.dampings[piece] + self.D) / self.m,
-                     -self.F_c * s / self.m],
-                    [0, 0, 0]])
+        A = matrix(
+            [
+                [0, 1, 0],
+                [
+                    -self.K / self.m,
+                    -(self.dampings[piece] + self.D) / self.m,
+                    -self.F_c * s / self.m,
+                ],
+                [0, 0, 0],
+            ]
+        )
         start = matrix([self.e, self.v, 1])
         self.arcs.append((self.t, A, start))
 
@@ -130,9 +153,18 @@ class Reference:
         stride, state, t = expm(A * step), start, mpf(0)
         while self.t + t < until:
             state, t = stride * state, t + step
-            row = next((row for row in ([1] if not self.impulses else [0, 1])
-                        if (state[row] * s > 0 and start[row] * s < 0 if row == 0
-                            else state[row] * s <= 0)), None)
+            row = next(
+                (
+                    row
+                    for row in ([1] if not self.impulses else [0, 1])
+                    if (
+                        state[row] * s > 0 and start[row] * s < 0
+                        if row == 0
+                        else state[row] * s <= 0
+                    )
+                ),
+                None,
+            )
             if row is not None:
                 if row == 1:
                     root = findroot(lambda t: after(t)[1], (t - step, t), solver='anderson')
@@ -166,12 +198,23 @@ def random_case(seed):
     d, D = draw.uniform(0.05, d_bar), draw.uniform(0, 2)
     if seed % 3 == 0:  # critical but for the rounding, or for a little more
         D = max(2 * math.sqrt(m * K) * (1 + draw.choice([0, 1e-12, -1e-8])) - d, 0.0)
-    axis = Axis(m=m, F_c=draw.choice([0.0, 0.0, draw.uniform(0.05, 2)]), x_0=draw.uniform(-1, 1),
-                v_0=draw.choice([0.0, draw.uniform(-3, 3)]), damping=Damping(value=d))
-    gains = Controller(m=m * draw.uniform(0.8, 1.2), K=K, D=D, d_bar=d_bar,
-                       c=draw.choice([1.0, 2.0]), alpha_ratio=draw.uniform(0.5, 0.83),
-                       x_r=draw.choice([0.0, draw.uniform(-0.5, 0.5)]),
-                       impulses=seed % 5 != 0)
+    axis = Axis(
+        m=m,
+        F_c=draw.choice([0.0, 0.0, draw.uniform(0.05, 2)]),
+        x_0=draw.uniform(-1, 1),
+        v_0=draw.choice([0.0, draw.uniform(-3, 3)]),
+        damping=Damping(value=d),
+    )
+    gains = Controller(
+        m=m * draw.uniform(0.8, 1.2),
+        K=K,
+        D=D,
+        d_bar=d_bar,
+        c=draw.choice([1.0, 2.0]),
+        alpha_ratio=draw.uniform(0.5, 0.83),
+        x_r=draw.choice([0.0, draw.uniform(-0.5, 0.5)]),
+        impulses=seed % 5 != 0,
+    )
     breaks = sorted(draw.uniform(0, 1) for _ in range(seed % 4))
     return axis, gains, breaks, [d, *(draw.uniform(0.05, d_bar) for _ in breaks)]
 
@@ -183,7 +226,7 @@ def test_any_solution_is_that_of_the_independent_reference_to_1e_10(seed, readin
     reference = Reference(axis, gains, breaks, dampings, reading is Reading.STRICT).run(1.5, 7)
     until = min(float(reference.t), 1.5)
     solution = solve(axis, gains, 1.5, reading=reading, breaks=breaks, dampings=dampings)
-    events = solution.events[:len(reference.events)]
+    events = solution.events[: len(reference.events)]
     assert len(events) == len(reference.events)
     for event, expected in zip(events.tolist(), reference.events, strict=True):
         assert event[1] == expected[1]
@@ -197,12 +240,19 @@ def test_any_solution_is_that_of_the_independent_reference_to_1e_10(seed, readin
 
 # The figures of the paper.
 
+
 def test_fig_2_read_strictly_the_origin_is_reached_at_the_first_position_zero():
     solution = solve(FIG_2, Controller(), 2.0)
     assert solution.events.tolist() == [
         (0.0, VELOCITY_ZERO, 0.5, 0.0, pytest.approx(-3.75)),
-        (pytest.approx(FIRST_ZERO, abs=1e-14), POSITION_ZERO, 0.0,
-         pytest.approx(-FIRST_ZERO_SPEED, abs=1e-11), 0.0)]
+        (
+            pytest.approx(FIRST_ZERO, abs=1e-14),
+            POSITION_ZERO,
+            0.0,
+            pytest.approx(-FIRST_ZERO_SPEED, abs=1e-11),
+            0.0,
+        ),
+    ]
     assert solution.end is End.ORIGIN
     assert solution.end_time == solution.events['time'][-1]
 
@@ -253,8 +303,10 @@ amount = st.floats(0.01, 2.0)
 @given(amount, st.floats(0.05, 3.0), amount, st.floats(0.5, 0.99), st.sampled_from([0.0, 1.0]))
 def test_a_mirrored_start_gives_the_mirrored_motion(x_0, d, m, alpha_ratio, F_c):
     gains = Controller(m=m, alpha_ratio=alpha_ratio)
-    sides = [one_jump(Axis(m=m, x_0=x, F_c=F_c, damping=Damping(value=d)), gains, 0.5)
-             for x in (x_0, -x_0)]
+    sides = [
+        one_jump(Axis(m=m, x_0=x, F_c=F_c, damping=Damping(value=d)), gains, 0.5)
+        for x in (x_0, -x_0)
+    ]
     t = np.linspace(0.0, sides[0].end_time, 50)
     assert sides[0].at(t)[0].tolist() == (-sides[1].at(t)[0]).tolist()
     assert sides[0].events['time'].tolist() == sides[1].events['time'].tolist()
@@ -305,12 +357,23 @@ def test_an_evaluation_is_right_continuous_whatever_the_order_and_shape_of_the_t
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.floats(0.1, 1.0), st.floats(0.1, 1.4), st.sampled_from([0.0, 1.0]),
-       st.sampled_from([1e-5, 1e-4, 3.3e-3]), st.sampled_from(Reading))
+@given(
+    st.floats(0.1, 1.0),
+    st.floats(0.1, 1.4),
+    st.sampled_from([0.0, 1.0]),
+    st.sampled_from([1e-5, 1e-4, 3.3e-3]),
+    st.sampled_from(Reading),
+)
 @example(0.76171875, 0.334476067260463, 1.0, 1e-5, Reading.ONE_JUMP)
 def test_on_a_sampling_grid_it_is_the_same_to_the_last_bits(x_0, d, F_c, time_step, reading):
-    solution = solve(Axis(x_0=x_0, F_c=F_c), Controller(x_r=0.05), 1.0, reading=reading,
-                     breaks=[0.1, 0.3], dampings=[d, 1.5, 0.15])
+    solution = solve(
+        Axis(x_0=x_0, F_c=F_c),
+        Controller(x_r=0.05),
+        1.0,
+        reading=reading,
+        breaks=[0.1, 0.3],
+        dampings=[d, 1.5, 0.15],
+    )
     steps = int(min(0.9, solution.last) / time_step)  # its events may accumulate before
     times, positions, velocities = solution.sampled(time_step, steps)
     x, v = solution.at(times)
@@ -372,27 +435,34 @@ def test_a_limit_of_events_ends_the_solution_and_says_so():
 
 
 def test_the_limits_of_the_sampled_controller_do_not_apply():
-    sampled = Controller(effort_limit=1.0, position_deadband=1.0, velocity_deadband=9.0,
-                         hold_off=9, time_step=1e-3)
+    sampled = Controller(
+        effort_limit=1.0, position_deadband=1.0, velocity_deadband=9.0, hold_off=9, time_step=1e-3
+    )
     assert solve(FIG_2, sampled, 1.0).events.tolist() == (
-        solve(FIG_2, Controller(), 1.0).events.tolist())
+        solve(FIG_2, Controller(), 1.0).events.tolist()
+    )
 
 
-@pytest.mark.parametrize(('options', 'said'), [
-    ({'duration': 0.0}, r'duration = 0\.0: must be > 0 and finite \[s\]'),
-    ({'duration': math.inf}, 'duration = inf'), ({'event_limit': -1}, 'event_limit = -1'),
-    ({'breaks': [0.2, 0.1], 'dampings': [1, 1, 1]}, r'breaks = \[0\.2, 0\.1\].*ascending'),
-    ({'breaks': [0.0], 'dampings': [1, 1]}, r'breaks = \[0\.0\].*> 0 \[s\]'),
-    ({'breaks': [0.1]}, r'dampings = \(1,\).*shape \(2,\)'),
-    ({'dampings': [0.0]}, r'dampings = 0\.0: must be > 0 and finite \[N s/m\]'),
-    ({'axis': Axis(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
-])
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        ({'duration': 0.0}, r'duration = 0\.0: must be > 0 and finite \[s\]'),
+        ({'duration': math.inf}, 'duration = inf'),
+        ({'event_limit': -1}, 'event_limit = -1'),
+        ({'breaks': [0.2, 0.1], 'dampings': [1, 1, 1]}, r'breaks = \[0\.2, 0\.1\].*ascending'),
+        ({'breaks': [0.0], 'dampings': [1, 1]}, r'breaks = \[0\.0\].*> 0 \[s\]'),
+        ({'breaks': [0.1]}, r'dampings = \(1,\).*shape \(2,\)'),
+        ({'dampings': [0.0]}, r'dampings = 0\.0: must be > 0 and finite \[N s/m\]'),
+        ({'axis': Axis(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
+    ],
+)
 def test_what_makes_no_motion_is_refused(options, said):
     with pytest.raises(ParameterError, match=said):
         solve(**{'axis': FIG_2, 'controller': Controller(), 'duration': 1.0} | options)
 
 
 # The sampled loop tends to it.
+
 
 def sampled_error(step, reading, hold_off):
     """Return max abs(x - x_exact) [m]; the dampings shift the zero within its sample."""

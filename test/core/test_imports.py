@@ -12,22 +12,39 @@ PACKAGE = ROOT / 'impulse_control_ros'
 
 
 def modules(room: str) -> list[str]:
-    return ['.'.join(path.relative_to(ROOT).with_suffix('').parts)
-            for path in sorted((PACKAGE / room).rglob('*.py')) if path.stem != '__init__']
+    return [
+        '.'.join(path.relative_to(ROOT).with_suffix('').parts)
+        for path in sorted((PACKAGE / room).rglob('*.py'))
+        if path.stem != '__init__'
+    ]
 
 
 def loaded_by(names: list[str]) -> set[str]:
     code = f'import sys, {", ".join(names)}; print(" ".join(sys.modules))'
-    return set(subprocess.run([sys.executable, '-c', code], check=True, capture_output=True,
-                              text=True, cwd=ROOT).stdout.split())
+    return set(
+        subprocess.run(
+            [sys.executable, '-c', code], check=True, capture_output=True, text=True, cwd=ROOT
+        ).stdout.split()
+    )
 
 
-@pytest.mark.parametrize(('room', 'outside'), [
-    ('core', ['rclpy', 'mcap', 'impulse_control_ros.files', 'impulse_control_ros.nodes',
-              'impulse_control_ros.tools']),
-    ('files', ['rclpy', 'impulse_control_ros.nodes', 'impulse_control_ros.tools']),
-    ('tools', ['rclpy', 'impulse_control_ros.nodes']),
-])
+@pytest.mark.parametrize(
+    ('room', 'outside'),
+    [
+        (
+            'core',
+            [
+                'rclpy',
+                'mcap',
+                'impulse_control_ros.files',
+                'impulse_control_ros.nodes',
+                'impulse_control_ros.tools',
+            ],
+        ),
+        ('files', ['rclpy', 'impulse_control_ros.nodes', 'impulse_control_ros.tools']),
+        ('tools', ['rclpy', 'impulse_control_ros.nodes']),
+    ],
+)
 def test_a_room_imports_nothing_from_outside_it(room, outside):
     names = modules(room)
     assert names

@@ -52,12 +52,14 @@ def pd(position, velocity, x_r=0.0):
 @pytest.mark.parametrize('ratio', [0.5, 0.6, 0.9])
 def test_a_position_zero_gives_minus_two_alpha_against_the_motion(side, direction, ratio):
     velocity = direction * 3.0
-    given_answers = answers([(side * 1e-3, velocity), (-side * 1e-3, velocity)],
-                            Controller(alpha_ratio=ratio))
+    given_answers = answers(
+        [(side * 1e-3, velocity), (-side * 1e-3, velocity)], Controller(alpha_ratio=ratio)
+    )
     assert list(given_answers['guard']) == [NO_IMPULSE, POSITION_ZERO]
     assert given_answers['area'][1] == pytest.approx(-2 * ratio * M * 3.0 * direction)
     assert given_answers['effort'][1] == pytest.approx(
-        pd(-side * 1e-3, velocity) + given_answers['area'][1] / STEP)
+        pd(-side * 1e-3, velocity) + given_answers['area'][1] / STEP
+    )
 
 
 @pytest.mark.parametrize('side', [-1.0, 1.0])
@@ -77,9 +79,16 @@ def test_a_stick_gives_minus_one_beta_at_every_sample(side, c):
     assert given_answers['area'][2:] == pytest.approx(-side * 0.05 * D_BAR / (2 * c))
 
 
-@pytest.mark.parametrize(('position', 'velocity', 'guard'), [
-    (0.5, 0.0, VELOCITY_ZERO), (-0.5, 0.0, VELOCITY_ZERO), (0.0, 1.0, POSITION_ZERO),
-    (0.0, 0.0, NO_IMPULSE), (0.5, 1.0, NO_IMPULSE)])
+@pytest.mark.parametrize(
+    ('position', 'velocity', 'guard'),
+    [
+        (0.5, 0.0, VELOCITY_ZERO),
+        (-0.5, 0.0, VELOCITY_ZERO),
+        (0.0, 1.0, POSITION_ZERO),
+        (0.0, 0.0, NO_IMPULSE),
+        (0.5, 1.0, NO_IMPULSE),
+    ],
+)
 def test_the_first_sample_acts_when_it_lies_on_a_guard(position, velocity, guard):
     assert answers([(position, velocity)])['guard'][0] == guard
 
@@ -111,8 +120,7 @@ def test_a_jump_of_our_own_is_no_velocity_zero():
 
 
 def test_a_set_point_jump_over_the_position_is_no_position_zero():
-    given_answers = answers([(0.25, -4.0), (0.2496, -4.0, Controller(x_r=0.3)),
-                             (0.2492, -4.0)])
+    given_answers = answers([(0.25, -4.0), (0.2496, -4.0, Controller(x_r=0.3)), (0.2492, -4.0)])
     assert list(given_answers['guard']) == [NO_IMPULSE] * 3
 
 
@@ -125,14 +133,15 @@ def test_a_set_point_jump_at_rest_acts_like_a_start():
 @pytest.mark.parametrize(('offset', 'first'), [(0.0, 10), (0.25, 10), (0.75, 10), (-0.25, 11)])
 def test_a_set_point_ramp_is_crossed_once(offset, first):
     step = 2.0**-12  # sums of it are exact; the error grows by half of it at each sample
-    ramp = [(step * (k + offset / 2), 1.0, Controller(x_r=step * (5 + 0.5 * k)))
-            for k in range(15)]
+    ramp = [
+        (step * (k + offset / 2), 1.0, Controller(x_r=step * (5 + 0.5 * k))) for k in range(15)
+    ]
     assert list(np.flatnonzero(answers(ramp)['guard'])) == [first]
 
 
 def test_inside_the_dead_bands_there_is_no_impulse():
     gains = Controller(position_deadband=1e-3, velocity_deadband=0.05)
-    wiggle = [((-1)**k * 9e-4, (-1)**(k // 2) * 0.04) for k in range(40)]
+    wiggle = [((-1) ** k * 9e-4, (-1) ** (k // 2) * 0.04) for k in range(40)]
     assert not answers(wiggle, gains)['guard'].any()
     assert answers([(1e-3, 1.0), (-1e-3, 0.06)], gains)['guard'][1] == POSITION_ZERO
     assert answers([(1.1e-3, 1.0), (1.1e-3, 0.04)], gains)['guard'][1] == VELOCITY_ZERO
@@ -140,14 +149,14 @@ def test_inside_the_dead_bands_there_is_no_impulse():
 
 @pytest.mark.parametrize('hold_off', [0, 1, 5])
 def test_no_impulse_starts_for_hold_off_samples_after_a_position_zero(hold_off):
-    zigzag = [((-1)**k * 1e-3, 2.0) for k in range(60)]
+    zigzag = [((-1) ** k * 1e-3, 2.0) for k in range(60)]
     fired = np.flatnonzero(answers(zigzag, Controller(hold_off=hold_off))['guard'])
     assert len(fired) > 5
     assert np.diff(fired).min() == hold_off + 1
 
 
 def test_without_impulses_the_law_is_pd_to_the_last_bit():
-    samples = [((-1)**k * 0.1, 2.0 - 0.5 * k) for k in range(12)]
+    samples = [((-1) ** k * 0.1, 2.0 - 0.5 * k) for k in range(12)]
     given_answers = answers(samples, Controller(impulses=False))
     assert list(given_answers['effort']) == [K * (0.0 - x) - D * v for x, v in samples]
     assert not given_answers['guard'].any()
@@ -158,8 +167,10 @@ def test_without_impulses_the_law_is_pd_to_the_last_bit():
 def test_the_area_of_one_wrong_sample_does_not_drive_the_axis_away(side, wrong):
     limited = Controller(effort_limit=20.0)
     away = [(k * 1e-4 * side, side) for k in (-2, -1, 1)]
-    given_answers = answers([*away[:2], (away[2][0], wrong), *[(2e-4 * side, side)] * 2,
-                             *[(-2e-4 * side, -side)] * 2], limited)
+    given_answers = answers(
+        [*away[:2], (away[2][0], wrong), *[(2e-4 * side, side)] * 2, *[(-2e-4 * side, -side)] * 2],
+        limited,
+    )
     assert abs(given_answers['area'][2]) == pytest.approx(1200.0)
     pushes = [answer['effort'] * side for answer in given_answers[3:]]
     # that of the wrong sign leaves at once, the other one brakes and leaves at the set-point
@@ -168,8 +179,10 @@ def test_the_area_of_one_wrong_sample_does_not_drive_the_axis_away(side, wrong):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-5.0, 5.0)), min_size=1, max_size=30),
-       st.floats(10.0, 100.0))
+@given(
+    st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-5.0, 5.0)), min_size=1, max_size=30),
+    st.floats(10.0, 100.0),
+)
 def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limit):
     gains = Controller(effort_limit=limit)
     # At rest in the set-point nothing new fires, and what waits can leave.
@@ -194,8 +207,9 @@ def test_impulses_switched_off_leave_nothing_of_one_that_waits():
 
 
 def test_while_an_impulse_waits_the_velocity_guards_rest():
-    given_answers = answers([(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)],
-                            Controller(effort_limit=20.0))
+    given_answers = answers(
+        [(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)], Controller(effort_limit=20.0)
+    )
     assert list(given_answers['guard']) == [VELOCITY_ZERO, NO_IMPULSE, NO_IMPULSE, NO_IMPULSE]
 
 

@@ -28,15 +28,28 @@ bands = st.sampled_from([0.0, 1e-6, 0.5])
 class Law(RuleBasedStateMachine):
     """Samples of an axis that does whatever it likes, and what the law answers."""
 
-    @initialize(values=st.fixed_dictionaries({
-        'm': st.floats(0.01, 10.0), 'K': st.floats(0.1, 1e3), 'D': st.floats(0.0, 10.0),
-        'd_bar': st.floats(0.01, 10.0), 'c': st.sampled_from([1.0, 2.0]),
-        'alpha_ratio': st.floats(0.5, 0.99), 'effort_limit': st.sampled_from([0.0, 0.5, 20.0]),
-        'hold_off': st.integers(0, 3), 'lead': st.sampled_from([0.0, 0.5, 1.0]),
-        'position_deadband': bands, 'velocity_deadband': bands, 'position_hysteresis': bands,
-        'velocity_hysteresis': bands, 'stick_samples': st.integers(1, 4),
-        'K_i': st.sampled_from([0.0, 5.0]),
-        'velocity_source': st.sampled_from(['measured', 'estimated'])}))
+    @initialize(
+        values=st.fixed_dictionaries(
+            {
+                'm': st.floats(0.01, 10.0),
+                'K': st.floats(0.1, 1e3),
+                'D': st.floats(0.0, 10.0),
+                'd_bar': st.floats(0.01, 10.0),
+                'c': st.sampled_from([1.0, 2.0]),
+                'alpha_ratio': st.floats(0.5, 0.99),
+                'effort_limit': st.sampled_from([0.0, 0.5, 20.0]),
+                'hold_off': st.integers(0, 3),
+                'lead': st.sampled_from([0.0, 0.5, 1.0]),
+                'position_deadband': bands,
+                'velocity_deadband': bands,
+                'position_hysteresis': bands,
+                'velocity_hysteresis': bands,
+                'stick_samples': st.integers(1, 4),
+                'K_i': st.sampled_from([0.0, 5.0]),
+                'velocity_source': st.sampled_from(['measured', 'estimated']),
+            }
+        )
+    )
     def begin(self, values):
         self.values = values | {'time_step': DT, 'x_r': 0.0, 'impulses': True}
         self.set()
@@ -65,8 +78,9 @@ class Law(RuleBasedStateMachine):
     @rule(position=anywhere, velocity=st.one_of(anywhere, st.just(math.nan)))
     def sample(self, position, velocity):
         waiting = float(self.memory['pending'][0])
-        control_carefully(self.memory, self.watch, self.packed, self.care, position, velocity,
-                          self.answer)
+        control_carefully(
+            self.memory, self.watch, self.packed, self.care, position, velocity, self.answer
+        )
         self.effort, self.area, self.guard, taken = self.answer.item()
         gains = self.gains
         if gains.velocity_source == 'measured' and not math.isnan(velocity):
@@ -76,7 +90,8 @@ class Law(RuleBasedStateMachine):
         error, limit = position - gains.x_r, gains.effort_limit or math.inf
         grown = self.integral + gains.K_i * error * DT
         windup = abs(gains.K * error + gains.D * taken + grown) > limit and (
-            np.sign(gains.K * error + gains.D * taken + grown) == np.sign(error))
+            np.sign(gains.K * error + gains.D * taken + grown) == np.sign(error)
+        )
         self.integral = self.integral if windup else grown
         feedback = -gains.K * error - gains.D * taken - self.integral
         feedback = min(max(feedback, -limit), limit)
@@ -104,14 +119,16 @@ class Law(RuleBasedStateMachine):
         lead = gains.lead * DT
         ahead, speed, stood = position + lead * velocity - x_r, abs(velocity), not self.direction
         moves = speed > gains.velocity_deadband + gains.velocity_hysteresis or (
-            speed > gains.velocity_deadband and np.sign(velocity) == self.direction)
+            speed > gains.velocity_deadband and np.sign(velocity) == self.direction
+        )
         direction = float(np.sign(velocity)) if moves else 0.0
         if self.guard == NO_IMPULSE:
             assert self.area == 0.0
         elif self.guard == POSITION_ZERO:
             assert direction
             assert self.before is None or np.sign(
-                self.before[0] + lead * self.before[1] - x_r) != np.sign(ahead)
+                self.before[0] + lead * self.before[1] - x_r
+            ) != np.sign(ahead)
             assert self.since_position_zero > gains.hold_off
             assert self.armed
             alpha, m = gains.alpha_ratio, gains.m
@@ -129,7 +146,8 @@ class Law(RuleBasedStateMachine):
                 assert self.before is None or self.before[2] != x_r or direction != self.direction
             share = 1.0 if self.guard == STICKING else 2.0
             assert self.area == pytest.approx(
-                -share * abs(error) * gains.d_bar / (2.0 * gains.c) * np.sign(error))
+                -share * abs(error) * gains.d_bar / (2.0 * gains.c) * np.sign(error)
+            )
         fired = self.guard == POSITION_ZERO
         self.since_position_zero = 1 if fired else self.since_position_zero + 1
         self.since_impulse = 1 if self.area else self.since_impulse + 1

@@ -22,9 +22,14 @@ from impulse_control_ros.core.simulate import simulate
 TIME = np.arange(6) * 0.5
 
 
-@pytest.mark.parametrize(('error', 'expected'), [
-    ([1.0, 0.5, 0.05, 0.2, 0.05, 0.01], 2.0), ([0.01] * 6, 0.0),
-    ([1.0, -1.0, -0.1, 0.1, 0.0, 0.0], 1.0)])
+@pytest.mark.parametrize(
+    ('error', 'expected'),
+    [
+        ([1.0, 0.5, 0.05, 0.2, 0.05, 0.01], 2.0),
+        ([0.01] * 6, 0.0),
+        ([1.0, -1.0, -0.1, 0.1, 0.0, 0.0], 1.0),
+    ],
+)
 def test_settling_is_for_good(error, expected):
     assert settling_time(TIME, np.array(error), 0.1) == expected
 
@@ -71,8 +76,10 @@ def test_all_figures_at_once_are_the_figures_one_by_one(axis):
     error = run.position - 0.01
     result = figures(run.time, error, run.velocity, run.effort, run.events, tolerances)[0]
     assert result['settling_time'] == pytest.approx(
-        [settling_time(run.time, error, tolerance) for tolerance in tolerances], abs=0.0,
-        nan_ok=True)
+        [settling_time(run.time, error, tolerance) for tolerance in tolerances],
+        abs=0.0,
+        nan_ok=True,
+    )
     assert result['overshoot'] == overshoot(error)
     assert result['peak_effort'] == peak(run.effort)
     assert result['peak_velocity'] == peak(run.velocity)

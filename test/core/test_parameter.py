@@ -10,29 +10,32 @@ from impulse_control_ros.core.impulse import Controller
 from impulse_control_ros.core.parameter import build, declared, ParameterError
 
 
-@pytest.mark.parametrize(('kind', 'values', 'said'), [
-    (Axis, {'m': 0.0}, ['m = 0.0', '> 0', '[kg]']),
-    (Axis, {'m': -1}, ['m = -1.0', '> 0', '[kg]']),
-    (Axis, {'F_c': -1e-9}, ['F_c = -1e-09', '>= 0', '[N]']),
-    (Axis, {'x_0': float('nan')}, ['x_0 = nan', '[-1e+09, 1e+09]', '[m]']),
-    (Axis, {'v_0': float('inf')}, ['v_0 = inf', '[-1e+09, 1e+09]', '[m/s]']),
-    (Axis, {'m': True}, ['m = True', 'a number']),
-    (Axis, {'time_step': 1.23456789e-5}, ['time_step = 1.23456789e-05', 'whole number']),
-    (Axis, {'damping.value': 0.0}, ['damping.value = 0.0', '> 0', '(1)', '[N s/m]']),
-    (Axis, {'damping.kind': 'wavy'}, ["damping.kind = 'wavy'", 'constant, noise, sinusoidal']),
-    (Axis, {'damping.lower': 2.0}, ['damping.lower = 2.0', 'damping.upper = 1.5']),
-    (Axis, {'damping.seed': 1.5}, ['damping.seed = 1.5', 'an integer']),
-    (Axis, {'mass': 1.0}, ['mass = 1.0', 'no such parameter']),
-    (Axis, {'damping.kid': 'noise'}, ['damping.kid', 'is damping.kind meant?']),
-    (Controller, {'alpha_ratio': 1.0}, ['alpha_ratio = 1.0', '[0.5, 1)', '(19)']),
-    (Controller, {'alpha_ratio': 0.4999}, ['alpha_ratio = 0.4999', '[0.5, 1)', '(19)']),
-    (Controller, {'c': 1.5}, ['c = 1.5', 'one of 1.0, 2.0']),
-    (Controller, {'d_bar': 0.0}, ['d_bar = 0.0', '> 0', '[N s/m]']),
-    (Controller, {'K': 'ten'}, ["K = 'ten'", 'a number', '[N/m]']),
-    (Controller, {'impulses': 1}, ['impulses = 1', 'true or false']),
-    (Controller, {'hold_off': -1}, ['hold_off = -1', '>= 0', '[samples]']),
-    (Controller, {'D': None}, ['D = None', 'a number']),
-])
+@pytest.mark.parametrize(
+    ('kind', 'values', 'said'),
+    [
+        (Axis, {'m': 0.0}, ['m = 0.0', '> 0', '[kg]']),
+        (Axis, {'m': -1}, ['m = -1.0', '> 0', '[kg]']),
+        (Axis, {'F_c': -1e-9}, ['F_c = -1e-09', '>= 0', '[N]']),
+        (Axis, {'x_0': float('nan')}, ['x_0 = nan', '[-1e+09, 1e+09]', '[m]']),
+        (Axis, {'v_0': float('inf')}, ['v_0 = inf', '[-1e+09, 1e+09]', '[m/s]']),
+        (Axis, {'m': True}, ['m = True', 'a number']),
+        (Axis, {'time_step': 1.23456789e-5}, ['time_step = 1.23456789e-05', 'whole number']),
+        (Axis, {'damping.value': 0.0}, ['damping.value = 0.0', '> 0', '(1)', '[N s/m]']),
+        (Axis, {'damping.kind': 'wavy'}, ["damping.kind = 'wavy'", 'constant, noise, sinusoidal']),
+        (Axis, {'damping.lower': 2.0}, ['damping.lower = 2.0', 'damping.upper = 1.5']),
+        (Axis, {'damping.seed': 1.5}, ['damping.seed = 1.5', 'an integer']),
+        (Axis, {'mass': 1.0}, ['mass = 1.0', 'no such parameter']),
+        (Axis, {'damping.kid': 'noise'}, ['damping.kid', 'is damping.kind meant?']),
+        (Controller, {'alpha_ratio': 1.0}, ['alpha_ratio = 1.0', '[0.5, 1)', '(19)']),
+        (Controller, {'alpha_ratio': 0.4999}, ['alpha_ratio = 0.4999', '[0.5, 1)', '(19)']),
+        (Controller, {'c': 1.5}, ['c = 1.5', 'one of 1.0, 2.0']),
+        (Controller, {'d_bar': 0.0}, ['d_bar = 0.0', '> 0', '[N s/m]']),
+        (Controller, {'K': 'ten'}, ["K = 'ten'", 'a number', '[N/m]']),
+        (Controller, {'impulses': 1}, ['impulses = 1', 'true or false']),
+        (Controller, {'hold_off': -1}, ['hold_off = -1', '>= 0', '[samples]']),
+        (Controller, {'D': None}, ['D = None', 'a number']),
+    ],
+)
 def test_a_refusal_names_the_parameter_its_value_and_what_is_allowed(kind, values, said):
     with pytest.raises(ParameterError) as refused:
         build(kind, values)

@@ -57,23 +57,26 @@ SCENARIOS = {
     'with messages out of order': Scenario(BOTH, '', Bound(copies=1, overtakes=1), 2, 1_200),
     'with two faults': Scenario(BOTH, '', Bound(faults=2), 1, 32_000),
     'with a reset': Scenario(BOTH, '', Bound(faults=1, resets=1), 2, 11_000),
-    'beside a foreign controller': Scenario(
-        FOREIGN_TOO, '', Bound(faults=1, copies=1), 2, 6_500),
+    'beside a foreign controller': Scenario(FOREIGN_TOO, '', Bound(faults=1, copies=1), 2, 6_500),
     'with one controller and a recorder': Scenario(
-        ONE, 'R1', Bound(faults=1, resets=1, unheard=1), 2, 22_000),
+        ONE, 'R1', Bound(faults=1, resets=1, unheard=1), 2, 22_000
+    ),
     'with a recorder': Scenario(BOTH, 'R1', Bound(faults=1), 1, 31_000),
     'with a recorder that is discovered late': Scenario(
-        BOTH, 'R1', Bound(copies=1, unheard=2), 1, 19_000),
+        BOTH, 'R1', Bound(copies=1, unheard=2), 1, 19_000
+    ),
 }
 LONG = {
     'with two faults, longer': Scenario(BOTH, '', Bound(faults=2), 2, 140_000),
     'with three faults': Scenario(BOTH, '', Bound(faults=3), 1, 790_000),
     'with copies and a reset': Scenario(BOTH, '', Bound(faults=1, copies=1, resets=1), 2, 100_000),
     'with one controller, a recorder and two faults': Scenario(
-        ONE, 'R1', Bound(faults=2, unheard=1), 2, 185_000),
+        ONE, 'R1', Bound(faults=2, unheard=1), 2, 185_000
+    ),
     'with a recorder, longer': Scenario(BOTH, 'R1', Bound(faults=1), 2, 120_000),
     'with a recorder that is discovered late, and a fault': Scenario(
-        BOTH, 'R1', Bound(faults=1, unheard=1), 1, 110_000),
+        BOTH, 'R1', Bound(faults=1, unheard=1), 1, 110_000
+    ),
 }
 ENDLESS_SEARCH = {  # too many worlds for all of them; a mutant is caught in the first ones
     'with three faults, longer': Scenario(BOTH, '', Bound(faults=3), 2, 0),
@@ -85,8 +88,9 @@ def small_window(monkeypatch):
     monkeypatch.setattr(protocol, 'WINDOW', 2)
 
 
-@pytest.mark.parametrize('name', [
-    *SCENARIOS, *(pytest.param(name, marks=pytest.mark.soak) for name in LONG)])
+@pytest.mark.parametrize(
+    'name', [*SCENARIOS, *(pytest.param(name, marks=pytest.mark.soak) for name in LONG)]
+)
 def test_no_interleaving_breaks_a_rule(name):
     scenario = (SCENARIOS | LONG)[name]
     found = scenario.search()
@@ -100,19 +104,27 @@ def test_a_memory_holds_what_acted_but_for_two_faults_at_once(monkeypatch):
 
     B is silent, so the plant names nobody, and A goes on with a memory of what did not act.
     """
+
     def check_memory(world, command):
         *_, before = world.acted or [None]
-        require(len(command.memory) == 1 or before.header == command.header,
-                'a memory holds what acted')
+        require(
+            len(command.memory) == 1 or before.header == command.header,
+            'a memory holds what acted',
+        )
 
     monkeypatch.setattr(processes, 'check_memory', check_memory)
     assert not SCENARIOS['with a reset'].search().broken  # and one fault
     assert SCENARIOS['with two faults'].search().broken == 'a memory holds what acted'
 
 
-@pytest.mark.parametrize(('place', 'mutant', 'scenario', 'number'), [
-    pytest.param(place, mutant, *caught, id=mutant.__name__.replace('_', ' '))
-    for place, mutants in MUTANTS.items() for mutant, caught in mutants.items()])
+@pytest.mark.parametrize(
+    ('place', 'mutant', 'scenario', 'number'),
+    [
+        pytest.param(place, mutant, *caught, id=mutant.__name__.replace('_', ' '))
+        for place, mutants in MUTANTS.items()
+        for mutant, caught in mutants.items()
+    ],
+)
 def test_no_mutant_survives(monkeypatch, place, mutant, scenario, number):
     monkeypatch.setattr(*place, mutant)
     found = (SCENARIOS | ENDLESS_SEARCH)[scenario].search()

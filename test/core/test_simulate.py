@@ -34,8 +34,11 @@ def test_fig_1_damping_at_its_lower_bound_oscillates():
     assert overshoot(run.position) == pytest.approx(0.170, abs=1e-3)
 
 
-@pytest.mark.parametrize('damping', [Damping(), Damping(kind='noise'), Damping(kind='sinusoidal')],
-                         ids=lambda damping: damping.kind)
+@pytest.mark.parametrize(
+    'damping',
+    [Damping(), Damping(kind='noise'), Damping(kind='sinusoidal')],
+    ids=lambda damping: damping.kind,
+)
 def test_figs_2_and_4_the_origin_is_reached_within_5_ms_of_the_first_zero(damping):
     run = simulate(Axis(F_c=0.0, damping=damping), Controller(), 2.0)
     zero = run.time[first_position_zero(run.position)]
@@ -59,7 +62,7 @@ def test_fig_2_the_first_zero_converges_at_first_order_to_that_of_the_exact_flow
 
 def test_with_hold_off_the_axis_bounces():
     run = simulate(Axis(F_c=0.0), Controller(hold_off=10), 1.0)
-    after = run.position[first_position_zero(run.position):]
+    after = run.position[first_position_zero(run.position) :]
     assert after.max() == pytest.approx(0.0456, abs=3e-4)
     guards = run.events['guard']
     assert list(guards[:4]) == [VELOCITY_ZERO, POSITION_ZERO, VELOCITY_ZERO, POSITION_ZERO]
@@ -89,8 +92,13 @@ def test_the_first_half_of_a_run_is_the_run_of_half_the_duration():
 
 def test_the_arrays_have_the_documented_shapes():
     run = simulate(Axis(F_c=0.0), Controller(), 0.01)
-    assert [run.time.shape, run.position.shape, run.velocity.shape, run.effort.shape,
-            run.damping.shape] == [(101,)] * 4 + [(100,)]
+    assert [
+        run.time.shape,
+        run.position.shape,
+        run.velocity.shape,
+        run.effort.shape,
+        run.damping.shape,
+    ] == [(101,)] * 4 + [(100,)]
     assert run.time[-1] == pytest.approx(0.01)
     assert list(run.events['tick']) == [0]
 

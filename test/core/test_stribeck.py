@@ -66,7 +66,8 @@ def test_a_sliding_axis_stops_at_an_instant_and_stays():
 @given(velocities, forces, st.floats(1e-5, 1e-2))
 def test_with_no_more_friction_at_rest_it_is_coulombs(velocity, force, duration):
     assert stribeck_step(0.0, velocity, force, 0.15, M, F_C, F_C, FAST, duration) == (
-        pytest.approx(axis_step(0.0, velocity, force, 0.15, M, F_C, duration), abs=1e-13))
+        pytest.approx(axis_step(0.0, velocity, force, 0.15, M, F_C, duration), abs=1e-13)
+    )
 
 
 @settings(max_examples=300, deadline=None)
@@ -74,7 +75,8 @@ def test_with_no_more_friction_at_rest_it_is_coulombs(velocity, force, duration)
 @example(5e-324, 1.5625, 0.25)  # a product of these signs is 0
 def test_friction_only_takes_energy(velocity, force, duration):
     position, after = stribeck_step(
-        0.0, velocity, force, 0.15, M, F_C, F_S, 1e-6 if duration < 0.5 else FAST, duration)
+        0.0, velocity, force, 0.15, M, F_C, F_S, 1e-6 if duration < 0.5 else FAST, duration
+    )
     assert math.isfinite(position)
     gained = 0.5 * M * (after**2 - velocity**2)
     assert gained <= force * position + 1e-12

@@ -21,8 +21,9 @@ def test_the_tick_that_floats_get_wrong():
     assert stamp(1291, 0, nanoseconds(1e-4, 'time_step')) == (0, 129_100_000)
 
 
-@pytest.mark.parametrize(('seconds', 'expected'), [(1e-4, 100_000), (1e-9, 1), (0.1, 10**8),
-                                                   (3600.0, 3600 * SECOND)])
+@pytest.mark.parametrize(
+    ('seconds', 'expected'), [(1e-4, 100_000), (1e-9, 1), (0.1, 10**8), (3600.0, 3600 * SECOND)]
+)
 def test_seconds_are_whole_nanoseconds(seconds, expected):
     assert nanoseconds(seconds, 'time_step') == expected
 

@@ -27,9 +27,17 @@ from impulse_control_ros.files.recording import read
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-QOS = {'history': 'keep_last', 'depth': 4000, 'reliability': 'reliable', 'durability': 'volatile',
-       'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 'automatic',
-       'liveliness_lease_duration': FOREVER, 'avoid_ros_namespace_conventions': False}
+QOS = {
+    'history': 'keep_last',
+    'depth': 4000,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
 RUN, AUTHOR = '0123abcd', '/controller#4567'
 STATE = JointStateLayout('axis', StateHeader(RUN, 0, AUTHOR).frame_id)
 COMMAND = JointStateLayout('axis', CommandHeader(RUN, 0, AUTHOR).frame_id, ('effort',))
@@ -77,8 +85,9 @@ def test_rosbags_reads_every_message_type_and_quality_of_service(tmp_path, compr
         for connection in reader.connections:
             assert connection.digest == STORE.hash_rihs01(connection.msgtype)
             assert connection.ext.offered_qos_profiles[0].depth == 4000
-        got = sorted((stamp, connection.topic, bytes(raw))
-                     for connection, stamp, raw in reader.messages())
+        got = sorted(
+            (stamp, connection.topic, bytes(raw)) for connection, stamp, raw in reader.messages()
+        )
     names = {1: '/joint_states', 2: '/impulse_events', 3: '/joint_commands'}
     assert got == sorted((stamp, names[channel], raw) for stamp, channel, raw in expected)
     assert STORE.deserialize_cdr(got[0][2], 'sensor_msgs/msg/JointState').name == ['axis']
@@ -97,24 +106,35 @@ def test_the_mcap_reader_agrees_on_checksums_statistics_and_index(tmp_path, comp
     assert len(messages) == statistics.message_count == 20_100
     assert statistics.channel_message_counts == {1: 10_000, 2: 100, 3: 10_000}
     assert (statistics.message_start_time, statistics.message_end_time) == (
-        START, START + 9_999 * STEP)
+        START,
+        START + 9_999 * STEP,
+    )
     assert len(summary.chunk_indexes) == statistics.chunk_count > 3
-    assert all(index.uncompressed_size < 2 * CHUNK_SIZE <= 2**20
-               for index in summary.chunk_indexes)
+    assert all(
+        index.uncompressed_size < 2 * CHUNK_SIZE <= 2**20 for index in summary.chunk_indexes
+    )
     assert [message.log_time for _, _, message in messages] == sorted(
-        message.log_time for _, _, message in messages)
+        message.log_time for _, _, message in messages
+    )
     assert {(schema.name, schema.encoding) for schema in summary.schemas.values()} == {
-        ('sensor_msgs/msg/JointState', 'ros2msg'), ('std_msgs/msg/Float64', 'ros2msg'),
-        (PARAMETER_EVENT, 'ros2msg')}
+        ('sensor_msgs/msg/JointState', 'ros2msg'),
+        ('std_msgs/msg/Float64', 'ros2msg'),
+        (PARAMETER_EVENT, 'ros2msg'),
+    }
     assert names == ['rosbag2', PACKAGE, 'recording', 'rosbag2']
 
 
 def test_a_range_of_time_is_found_by_the_message_index(tmp_path):
     path = finished(tmp_path / 'run') / 'run_0.mcap'
     with path.open('rb') as stream:
-        found = [message.log_time for _, _, message in make_reader(stream).iter_messages(
-            topics='/joint_states', starting_at=START + 5000 * STEP,
-            ending_before=START + 5010 * STEP)]
+        found = [
+            message.log_time
+            for _, _, message in make_reader(stream).iter_messages(
+                topics='/joint_states',
+                starting_at=START + 5000 * STEP,
+                ending_before=START + 5010 * STEP,
+            )
+        ]
     assert found == [START + k * STEP for k in range(5000, 5010)]
 
 
@@ -177,7 +197,8 @@ def test_what_is_written_is_read(tmp_path):
     assert list(run.states['position']) == [0.5 / (k + 1) for k in range(300)]
     assert list(run.commands['effort']) == [5.0 * k for k in range(300)]
     assert [tuple(row) for row in run.impulses] == [
-        (START + k * STEP, 1, 0.5, -k, 0.25) for k in (7, 107, 207)]
+        (START + k * STEP, 1, 0.5, -k, 0.25) for k in (7, 107, 207)
+    ]
     assert run.parameters == {'/controller': values}
     assert (run.run, run.version) == (RUN, '1.2.3')
     assert run.receipt == {'messages': '604', 'missing': '0'}
@@ -212,10 +233,16 @@ WHOLE = 3_100_000  # about the size of 12,000 entries
 
 
 @settings(max_examples=25, deadline=None)
-@given(size=st.one_of(st.integers(20_000, WHOLE), st.integers(-50, 50).map(
-    lambda more: 2 * (CHUNK_SIZE + 200_000) + more)), compression=st.sampled_from(['none', 'lz4']))
+@given(
+    size=st.one_of(
+        st.integers(20_000, WHOLE),
+        st.integers(-50, 50).map(lambda more: 2 * (CHUNK_SIZE + 200_000) + more),
+    ),
+    compression=st.sampled_from(['none', 'lz4']),
+)
 def test_a_bag_that_does_not_fit_is_finished_with_the_messages_that_do(
-        tmp_path_factory, size, compression):
+    tmp_path_factory, size, compression
+):
     folder = Path(tmp_path_factory.mktemp('full'), 'run')
     with room_for(size):
         writer = begun(folder, 12_000, compression)
@@ -226,17 +253,23 @@ def test_a_bag_that_does_not_fit_is_finished_with_the_messages_that_do(
     with (folder / 'run_0.mcap').open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         statistics = reader.get_summary().statistics
-        got = [(message.publish_time, channel.id, message.data)
-               for _, channel, message in reader.iter_messages(log_time_order=False)]
+        got = [
+            (message.publish_time, channel.id, message.data)
+            for _, channel, message in reader.iter_messages(log_time_order=False)
+        ]
     given_messages = [*entries(12_000), *entries(100)]
-    assert got == given_messages[:len(got)]
-    assert len(got) == statistics.message_count == content[
-        'rosbag2_bagfile_information']['message_count']
+    assert got == given_messages[: len(got)]
+    assert (
+        len(got)
+        == statistics.message_count
+        == content['rosbag2_bagfile_information']['message_count']
+    )
     receipt = read(folder).receipt
     assert receipt['messages'] == str(len(got))
     assert (receipt.get('full') == 'File too large') == (len(got) < len(given_messages))
     assert (folder / 'run_0.mcap').stat().st_size > size - 1.2 * CHUNK_SIZE - 200_000 or (
-        len(got) == len(given_messages))
+        len(got) == len(given_messages)
+    )
 
 
 def test_a_bag_without_room_for_its_frame_is_refused_by_name(tmp_path):
@@ -258,14 +291,15 @@ def whole(tmp_path_factory):
 @settings(max_examples=30, deadline=None)
 @given(fraction=st.floats(0.0, 1.0, exclude_max=True))
 def test_a_file_cut_off_anywhere_reads_up_to_its_last_whole_chunk(
-        whole, tmp_path_factory, fraction):
+    whole, tmp_path_factory, fraction
+):
     length = 8 + int(fraction * (whole.stat().st_size - 9))
     path = Path(tmp_path_factory.mktemp('cut'), 'cut.mcap')
     path.write_bytes(whole.read_bytes()[:length])
     run = read(path)
     count = len(run.states)
     assert np.array_equal(run.states['stamp'], START + np.arange(count) * STEP)
-    per_sample = (84 + 60 + 2 * 31 + 2 * 16)
+    per_sample = 84 + 60 + 2 * 31 + 2 * 16
     assert count >= (length - 4000 - 1.1 * CHUNK_SIZE) / per_sample * 0.8
 
 
@@ -301,8 +335,14 @@ def test_a_bag_of_another_writer_is_read_in_the_order_of_time(tmp_path, chunked)
         writer = Writer(stream, chunk_size=4096, use_chunking=chunked)
         writer.start('ros2')
         schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
-        channels = {number: writer.register_channel(name, 'cdr', schema) for number, name in (
-            (1, '/left/joint_states'), (2, '/left/impulse_events'), (3, '/left/joint_commands'))}
+        channels = {
+            number: writer.register_channel(name, 'cdr', schema)
+            for number, name in (
+                (1, '/left/joint_states'),
+                (2, '/left/impulse_events'),
+                (3, '/left/joint_commands'),
+            )
+        }
         for stamp, number, raw in sorted(entries(500), key=lambda entry: entry[0] // 10**7 % 2):
             writer.add_message(channels[number], stamp, raw, stamp)
         writer.finish()

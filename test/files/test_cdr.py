@@ -25,24 +25,29 @@ def joint_state(sec, nanosec, frame_id, joint, values):
     time = STORE.types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
     header = STORE.types['std_msgs/msg/Header'](stamp=time, frame_id=frame_id)
     return STORE.types[JOINT_STATE](
-        header=header, name=[joint],
-        **{field: np.array([values[field]] if field in values else []) for field in FIELDS})
+        header=header,
+        name=[joint],
+        **{field: np.array([values[field]] if field in values else []) for field in FIELDS},
+    )
 
 
 @settings(max_examples=200, deadline=None)
 @given(names, names, fields, seconds, nanoseconds, numbers)
 def test_another_library_reads_what_we_write_and_we_read_what_it_writes(
-        joint, frame_id, filled, sec, nanosec, values):
+    joint, frame_id, filled, sec, nanosec, values
+):
     layout = JointStateLayout(joint, frame_id, filled)
-    values = values[:len(filled)]
+    values = values[: len(filled)]
     raw = layout.encode(sec, nanosec, *values)
     read = STORE.deserialize_cdr(raw, JOINT_STATE)
     assert (read.header.stamp.sec, read.header.stamp.nanosec) == (sec, nanosec)
     assert (read.header.frame_id, list(read.name)) == (frame_id, [joint])
     assert [float(getattr(read, field)[0]) for field in filled] == values
     assert all(len(getattr(read, field)) == 0 for field in FIELDS if field not in filled)
-    theirs = STORE.serialize_cdr(joint_state(
-        sec, nanosec, frame_id, joint, dict(zip(filled, values, strict=True))), JOINT_STATE)
+    theirs = STORE.serialize_cdr(
+        joint_state(sec, nanosec, frame_id, joint, dict(zip(filled, values, strict=True))),
+        JOINT_STATE,
+    )
     assert layout.decode(bytes(theirs)) == (sec, nanosec, *values)
     assert layout.decode(raw) == (sec, nanosec, *values)
 
@@ -50,10 +55,15 @@ def test_another_library_reads_what_we_write_and_we_read_what_it_writes(
 @settings(max_examples=200, deadline=None)
 @given(st.data(), st.lists(names, min_size=1, max_size=4, unique=True), names, fields)
 def test_a_joint_is_found_among_others_in_what_another_library_writes(
-        data, joints, frame_id, filled):
+    data, joints, frame_id, filled
+):
     joint = data.draw(st.sampled_from(joints))
-    values = {field: data.draw(st.lists(st.floats(allow_nan=False), min_size=len(joints),
-                                        max_size=len(joints))) for field in filled}
+    values = {
+        field: data.draw(
+            st.lists(st.floats(allow_nan=False), min_size=len(joints), max_size=len(joints))
+        )
+        for field in filled
+    }
     message = joint_state(1, 2, frame_id, joint, {})
     message.name = joints
     for field in filled:
@@ -116,9 +126,14 @@ def test_padding_is_written_as_zero():
     assert all(RAW[at] == 0 for at in PADDING)
 
 
-@pytest.mark.parametrize('other', [
-    JointStateLayout('elbow'), JointStateLayout('axis', 'reset'),
-    JointStateLayout('axis', '', ('effort',))])
+@pytest.mark.parametrize(
+    'other',
+    [
+        JointStateLayout('elbow'),
+        JointStateLayout('axis', 'reset'),
+        JointStateLayout('axis', '', ('effort',)),
+    ],
+)
 def test_another_layout_is_not_decoded(other):
     assert LAYOUT.decode(other.encode(1, 2, *[1.0] * len(other.fields))) is None
 

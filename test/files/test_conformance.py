@@ -46,8 +46,9 @@ def summary(path):
 def raw(bag):
     """Return (time, topic, bytes) of all messages, as rosbags reads them."""
     with Reader(bag) as reader:
-        return [(time, connection.topic, bytes(data))
-                for connection, time, data in reader.messages()]
+        return [
+            (time, connection.topic, bytes(data)) for connection, time, data in reader.messages()
+        ]
 
 
 # -- metadata.yaml and the record rosbag2, as its parser reads them -----------------------------
@@ -63,29 +64,51 @@ def text(value):
 
 TIME = {'sec': natural, 'nsec': natural}
 # rmw's words; 'unknown' is what discovery does not tell, and what rosbag2 writes for it too
-WORDS = {'history': ('keep_last', 'keep_all', 'system_default', 'unknown'),
-         'reliability': ('reliable', 'best_effort'), 'durability': ('volatile', 'transient_local'),
-         'liveliness': ('automatic', 'manual_by_topic')}
-QOS = {'history': WORDS['history'].__contains__,
-       'depth': lambda value: natural(value) and value < 2**31,
-       'reliability': WORDS['reliability'].__contains__,
-       'durability': WORDS['durability'].__contains__, 'deadline': TIME, 'lifespan': TIME,
-       'liveliness': WORDS['liveliness'].__contains__, 'liveliness_lease_duration': TIME,
-       'avoid_ros_namespace_conventions': lambda value: isinstance(value, bool)}
-SPAN = {'starting_time': {'nanoseconds_since_epoch': natural},
-        'duration': {'nanoseconds': natural}, 'message_count': natural}
+WORDS = {
+    'history': ('keep_last', 'keep_all', 'system_default', 'unknown'),
+    'reliability': ('reliable', 'best_effort'),
+    'durability': ('volatile', 'transient_local'),
+    'liveliness': ('automatic', 'manual_by_topic'),
+}
+QOS = {
+    'history': WORDS['history'].__contains__,
+    'depth': lambda value: natural(value) and value < 2**31,
+    'reliability': WORDS['reliability'].__contains__,
+    'durability': WORDS['durability'].__contains__,
+    'deadline': TIME,
+    'lifespan': TIME,
+    'liveliness': WORDS['liveliness'].__contains__,
+    'liveliness_lease_duration': TIME,
+    'avoid_ros_namespace_conventions': lambda value: isinstance(value, bool),
+}
+SPAN = {
+    'starting_time': {'nanoseconds_since_epoch': natural},
+    'duration': {'nanoseconds': natural},
+    'message_count': natural,
+}
 BAG_METADATA = {
-    'version': lambda value: value == 9, 'storage_identifier': lambda value: value == 'mcap',
-    **SPAN, 'topics_with_message_count': [{
-        'topic_metadata': {
-            'name': text, 'type': text, 'serialization_format': lambda value: value == 'cdr',
-            'offered_qos_profiles': [QOS],
-            'type_description_hash': lambda value: value.startswith('RIHS01_')},
-        'message_count': natural}],
-    'compression_format': lambda value: value == '', 'compression_mode': lambda value: value == '',
-    'relative_file_paths': [text], 'files': [{'path': text, **SPAN}],
+    'version': lambda value: value == 9,
+    'storage_identifier': lambda value: value == 'mcap',
+    **SPAN,
+    'topics_with_message_count': [
+        {
+            'topic_metadata': {
+                'name': text,
+                'type': text,
+                'serialization_format': lambda value: value == 'cdr',
+                'offered_qos_profiles': [QOS],
+                'type_description_hash': lambda value: value.startswith('RIHS01_'),
+            },
+            'message_count': natural,
+        }
+    ],
+    'compression_format': lambda value: value == '',
+    'compression_mode': lambda value: value == '',
+    'relative_file_paths': [text],
+    'files': [{'path': text, **SPAN}],
     'custom_data': lambda value: all(map(text, value)) and all(map(text, value.values())),
-    'ros_distro': text}
+    'ros_distro': text,
+}
 
 
 def assert_fits(content, shape):
@@ -111,8 +134,11 @@ def test_metadata_yaml_has_the_fields_that_version_9_is_parsed_by(bag):
 
 def test_the_last_rosbag2_record_says_what_metadata_yaml_says(bag, path):
     with path.open('rb') as stream:
-        said = [yaml.safe_load(record.metadata['serialized_metadata'])
-                for record in make_reader(stream).iter_metadata() if record.name == 'rosbag2']
+        said = [
+            yaml.safe_load(record.metadata['serialized_metadata'])
+            for record in make_reader(stream).iter_metadata()
+            if record.name == 'rosbag2'
+        ]
     first, last = said
     assert_fits(first, BAG_METADATA)
     assert last == information(bag)
@@ -124,22 +150,29 @@ def test_metadata_yaml_agrees_with_a_count_of_the_messages(bag, raw):
     assert content['message_count'] == len(raw) == content['files'][0]['message_count']
     assert content['starting_time']['nanoseconds_since_epoch'] == min(times)
     assert content['duration']['nanoseconds'] == max(times) - min(times)
-    assert {item['topic_metadata']['name']: item['message_count']
-            for item in content['topics_with_message_count'] if item['message_count']} == counts
+    assert {
+        item['topic_metadata']['name']: item['message_count']
+        for item in content['topics_with_message_count']
+        if item['message_count']
+    } == counts
     assert all((bag / name).is_file() for name in content['relative_file_paths'])
 
 
 def test_a_channel_says_of_its_topic_what_metadata_yaml_says(bag, summary):
-    topics = {item['topic_metadata']['name']: item['topic_metadata']
-              for item in information(bag)['topics_with_message_count']}
+    topics = {
+        item['topic_metadata']['name']: item['topic_metadata']
+        for item in information(bag)['topics_with_message_count']
+    }
     assert {channel.topic for channel in summary.channels.values()} == topics.keys()
     for channel in summary.channels.values():
         topic = topics[channel.topic]
         assert channel.message_encoding == 'cdr'
         assert channel.metadata.keys() == {'offered_qos_profiles', 'topic_type_hash'}
         assert channel.metadata['topic_type_hash'] == topic['type_description_hash']
-        assert yaml.safe_load(
-            channel.metadata['offered_qos_profiles']) == topic['offered_qos_profiles']
+        assert (
+            yaml.safe_load(channel.metadata['offered_qos_profiles'])
+            == topic['offered_qos_profiles']
+        )
         assert summary.schemas[channel.schema_id].name == topic['type']
 
 
@@ -167,18 +200,38 @@ def rows_of(decoded):
             assert list(message.name) == ['axis']
             parse = parse_state if name == 'joint_states' else parse_command
             header = parse(message.header.frame_id)
-            rows[name].append(bits((
-                nanoseconds(message.header.stamp), header.run, getattr(header, 'guard', ''),
-                *message.position, *message.velocity, *message.effort)))
+            rows[name].append(
+                bits(
+                    (
+                        nanoseconds(message.header.stamp),
+                        header.run,
+                        getattr(header, 'guard', ''),
+                        *message.position,
+                        *message.velocity,
+                        *message.effort,
+                    )
+                )
+            )
             rows['controllers'].append(header[2])
         elif name == 'damping':
             rows[name].append(bits((message.data,)))
         elif name == 'run_parameters':
-            values = {one.name: getattr(one.value, VALUES[one.value.type])
-                      for one in message.new_parameters}
-            rows[name].append((nanoseconds(message.stamp), *parse_node(message.node), {
-                key: value if isinstance(value, str) or np.ndim(value) == 0 else list(value)
-                for key, value in values.items()}))
+            values = {
+                one.name: getattr(one.value, VALUES[one.value.type])
+                for one in message.new_parameters
+            }
+            rows[name].append(
+                (
+                    nanoseconds(message.stamp),
+                    *parse_node(message.node),
+                    {
+                        key: value
+                        if isinstance(value, str) or np.ndim(value) == 0
+                        else list(value)
+                        for key, value in values.items()
+                    },
+                )
+            )
     return rows
 
 
@@ -196,17 +249,30 @@ def assert_same_bits(rows, bag):
     assert run.lacks == []
     assert rows['joint_states'] == [
         bits((row['stamp'], run.run, '', row['position'], row['velocity'], row['effort']))
-        for row in run.states]
+        for row in run.states
+    ]
     fired = {row['stamp']: GUARDS[row['guard']] for row in run.impulses}
     assert rows['joint_commands'] == [
         bits((row['stamp'], run.run, fired.get(row['stamp'], ''), row['effort']))
-        for row in run.commands]
+        for row in run.commands
+    ]
     assert rows['impulse_events'] == [
-        bits((row['stamp'], run.run, GUARDS[row['guard']], row['position'], row['velocity'],
-              row['area'])) for row in run.impulses]
+        bits(
+            (
+                row['stamp'],
+                run.run,
+                GUARDS[row['guard']],
+                row['position'],
+                row['velocity'],
+                row['area'],
+            )
+        )
+        for row in run.impulses
+    ]
     assert rows['damping'] == [bits((row['damping'],)) for row in run.damping]
     assert rows['run_parameters'] == [
-        (change.stamp, run.run, change.node_id, change.values) for change in run.history]
+        (change.stamp, run.run, change.node_id, change.values) for change in run.history
+    ]
     plant, controller = run.history
     assert (plant.is_plant, controller.is_plant) == (True, False)
     assert rows['controllers'].count('') == 1  # in the first state
@@ -215,16 +281,19 @@ def assert_same_bits(rows, bag):
 
 def test_rosbags_and_read_agree_on_every_message_to_the_bit(bag):
     with AnyReader([bag]) as reader:
-        rows = rows_of((connection.topic, reader.deserialize(data, connection.msgtype))
-                       for connection, _, data in reader.messages())
+        rows = rows_of(
+            (connection.topic, reader.deserialize(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+        )
     assert_same_bits(rows, bag)
 
 
 def test_mcap_ros2_support_and_read_agree_on_every_message_to_the_bit(bag, path):
     with path.open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        rows = rows_of((channel.topic, decoded)
-                       for _, channel, _, decoded in reader.iter_decoded_messages())
+        rows = rows_of(
+            (channel.topic, decoded) for _, channel, _, decoded in reader.iter_decoded_messages()
+        )
     assert_same_bits(rows, bag)
 
 
@@ -247,22 +316,43 @@ def test_the_publish_time_of_a_message_is_its_stamp(bag, path):
 
 def test_mcap_and_rosbags_agree_on_every_message_of_every_topic(path, raw):
     with path.open('rb') as stream:
-        assert raw == [(message.log_time, channel.topic, message.data)
-                       for _, channel, message in make_reader(stream).iter_messages()]
+        assert raw == [
+            (message.log_time, channel.topic, message.data)
+            for _, channel, message in make_reader(stream).iter_messages()
+        ]
 
 
 def test_a_bag_turned_into_sqlite_and_back_keeps_every_message(bag, raw, tmp_path):
-    for source, target, storage in ((bag, tmp_path / 'sqlite', 'sqlite3'),
-                                    (tmp_path / 'sqlite', tmp_path / 'back', 'mcap')):
-        subprocess.run([str(BIN / 'rosbags-convert'), '--src', str(source), '--dst', str(target),
-                        '--dst-storage', storage], check=True)
+    for source, target, storage in (
+        (bag, tmp_path / 'sqlite', 'sqlite3'),
+        (tmp_path / 'sqlite', tmp_path / 'back', 'mcap'),
+    ):
+        subprocess.run(
+            [
+                str(BIN / 'rosbags-convert'),
+                '--src',
+                str(source),
+                '--dst',
+                str(target),
+                '--dst-storage',
+                storage,
+            ],
+            check=True,
+        )
         with Reader(target) as reader, Reader(bag) as original:
-            assert [(time, connection.topic, bytes(data))
-                    for connection, time, data in reader.messages()] == raw
+            assert [
+                (time, connection.topic, bytes(data))
+                for connection, time, data in reader.messages()
+            ] == raw
             assert described(reader) == described(original)
 
 
 def described(reader):
-    return {connection.topic: (connection.msgtype, connection.digest,
-                               connection.ext.offered_qos_profiles)
-            for connection in reader.connections}
+    return {
+        connection.topic: (
+            connection.msgtype,
+            connection.digest,
+            connection.ext.offered_qos_profiles,
+        )
+        for connection in reader.connections
+    }

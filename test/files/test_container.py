@@ -28,22 +28,38 @@ import pytest
 
 MAGIC = b'\x89MCAP0\r\n'
 AHEAD = 9  # opcode and length stand before each record
-KINDS = {Opcode.HEADER: Header, Opcode.FOOTER: Footer, Opcode.SCHEMA: Schema,
-         Opcode.CHANNEL: Channel, Opcode.MESSAGE_INDEX: MessageIndex, Opcode.CHUNK: Chunk,
-         Opcode.CHUNK_INDEX: ChunkIndex, Opcode.METADATA: Metadata, Opcode.DATA_END: DataEnd,
-         Opcode.METADATA_INDEX: MetadataIndex, Opcode.STATISTICS: Statistics,
-         Opcode.SUMMARY_OFFSET: SummaryOffset}
+KINDS = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE_INDEX: MessageIndex,
+    Opcode.CHUNK: Chunk,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.METADATA: Metadata,
+    Opcode.DATA_END: DataEnd,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.SUMMARY_OFFSET: SummaryOffset,
+}
 
 
 def records_in(content, at, end):
     """Yield (place, record, place behind it) of what stands there, to the last byte."""
     while at < end:
-        size = int.from_bytes(content[at + 1:at + AHEAD], 'little')
-        body = content[at + AHEAD:at + AHEAD + size]
+        size = int.from_bytes(content[at + 1 : at + AHEAD], 'little')
+        body = content[at + AHEAD : at + AHEAD + size]
         stream = ReadDataStream(BytesIO(body))
         behind = at + AHEAD + size
-        yield at, (Message.read(stream, size) if content[at] == Opcode.MESSAGE
-                   else KINDS[Opcode(content[at])].read(stream)), behind
+        yield (
+            at,
+            (
+                Message.read(stream, size)
+                if content[at] == Opcode.MESSAGE
+                else KINDS[Opcode(content[at])].read(stream)
+            ),
+            behind,
+        )
         at = behind
     assert at == end
 
@@ -99,22 +115,29 @@ def test_a_file_starts_and_ends_as_one_of_ros_2(content, records, data):
     end, last, _ = data[-1]
     assert last == DataEnd(zlib.crc32(content[:end]))
     # the checksum covers the summary, and the footer up to the checksum
-    assert footer.summary_crc == zlib.crc32(content[footer.summary_start:-len(MAGIC) - 4])
+    assert footer.summary_crc == zlib.crc32(content[footer.summary_start : -len(MAGIC) - 4])
 
 
 def test_a_chunk_index_says_what_its_chunk_is(data, summary, messages):
     behind = {at: (record, end) for at, record, end in data}
     indexes = of(ChunkIndex, summary)
     assert [index.chunk_start_offset for index in indexes] == [
-        at for at, record, _ in data if type(record) is Chunk]
+        at for at, record, _ in data if type(record) is Chunk
+    ]
     for index, inside in zip(indexes, messages, strict=True):
         chunk, end = behind[index.chunk_start_offset]
         times = [message.log_time for _, message in inside]
         assert index.chunk_length == end - index.chunk_start_offset
-        assert (index.message_start_time, index.message_end_time) == (min(times), max(times)) == (
-            chunk.message_start_time, chunk.message_end_time)
+        assert (
+            (index.message_start_time, index.message_end_time)
+            == (min(times), max(times))
+            == (chunk.message_start_time, chunk.message_end_time)
+        )
         assert (index.compression, index.compressed_size, index.uncompressed_size) == (
-            chunk.compression, len(chunk.data), chunk.uncompressed_size)
+            chunk.compression,
+            len(chunk.data),
+            chunk.uncompressed_size,
+        )
 
 
 def test_message_indexes_lead_to_every_message_and_to_nothing_else(data, summary, messages):
@@ -130,15 +153,15 @@ def test_message_indexes_lead_to_every_message_and_to_nothing_else(data, summary
             listed += [(place, time, channel) for time, place in record.records]
         assert at - start == index.message_index_length
         assert sorted(listed) == [
-            (place, message.log_time, message.channel_id) for place, message in inside]
+            (place, message.log_time, message.channel_id) for place, message in inside
+        ]
     linked = sum(len(index.message_index_offsets) for index in of(ChunkIndex, summary))
     assert linked == len(of(MessageIndex, data))
 
 
 def test_log_times_never_go_back_and_each_channel_is_numbered(messages):
     inside = [message for chunk in messages for _, message in chunk]
-    assert all(before.log_time <= after.log_time
-               for before, after in itertools.pairwise(inside))
+    assert all(before.log_time <= after.log_time for before, after in itertools.pairwise(inside))
     numbered = Counter()
     for message in inside:
         numbered[message.channel_id] += 1
@@ -147,20 +170,25 @@ def test_log_times_never_go_back_and_each_channel_is_numbered(messages):
 
 def test_the_statistics_are_those_of_a_count(data, summary, messages):
     inside = [message for chunk in messages for _, message in chunk]
-    statistics, = of(Statistics, summary)
+    (statistics,) = of(Statistics, summary)
     assert statistics == Statistics(
-        message_count=len(inside), schema_count=len(of(Schema, data)),
-        channel_count=len(of(Channel, data)), attachment_count=0,
-        metadata_count=len(of(Metadata, data)), chunk_count=len(of(Chunk, data)),
+        message_count=len(inside),
+        schema_count=len(of(Schema, data)),
+        channel_count=len(of(Channel, data)),
+        attachment_count=0,
+        metadata_count=len(of(Metadata, data)),
+        chunk_count=len(of(Chunk, data)),
         message_start_time=min(message.log_time for message in inside),
         message_end_time=max(message.log_time for message in inside),
-        channel_message_counts=Counter(message.channel_id for message in inside))
+        channel_message_counts=Counter(message.channel_id for message in inside),
+    )
 
 
 def test_the_metadata_index_leads_to_each_record_of_metadata(data, summary):
-    assert [(index.offset, index.offset + index.length, index.name)
-            for index in of(MetadataIndex, summary)] == [
-        (at, end, record.name) for at, record, end in data if type(record) is Metadata]
+    assert [
+        (index.offset, index.offset + index.length, index.name)
+        for index in of(MetadataIndex, summary)
+    ] == [(at, end, record.name) for at, record, end in data if type(record) is Metadata]
 
 
 def test_summary_offsets_lead_to_the_whole_summary_by_kind(content, records, summary):
@@ -168,8 +196,9 @@ def test_summary_offsets_lead_to_the_whole_summary_by_kind(content, records, sum
     for group in of(SummaryOffset, summary):
         assert group.group_start == at
         at += group.group_length
-        assert {content[place] for place, _, _ in records_in(
-            content, group.group_start, at)} == {group.group_opcode}
+        assert {content[place] for place, _, _ in records_in(content, group.group_start, at)} == {
+            group.group_opcode
+        }
     assert at == footer.summary_offset_start
 
 
@@ -192,6 +221,10 @@ def test_schemas_and_channels_stand_before_their_messages_and_in_the_summary(dat
 def test_the_mcap_reader_finds_the_same_by_the_index_and_without(path, messages):
     inside = [message for chunk in messages for _, message in chunk]
     with path.open('rb') as stream:
-        by_index = [message for _, _, message in make_reader(
-            stream, validate_crcs=True).iter_messages(log_time_order=True)]
+        by_index = [
+            message
+            for _, _, message in make_reader(stream, validate_crcs=True).iter_messages(
+                log_time_order=True
+            )
+        ]
     assert by_index == inside

@@ -6,8 +6,13 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from impulse_control_ros.files.definition import message_definition, type_hash
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-TYPES = ['sensor_msgs/msg/JointState', 'std_msgs/msg/Float64', 'rosgraph_msgs/msg/Clock',
-         'rcl_interfaces/msg/ParameterEvent', 'diagnostic_msgs/msg/DiagnosticArray']
+TYPES = [
+    'sensor_msgs/msg/JointState',
+    'std_msgs/msg/Float64',
+    'rosgraph_msgs/msg/Clock',
+    'rcl_interfaces/msg/ParameterEvent',
+    'diagnostic_msgs/msg/DiagnosticArray',
+]
 
 
 @pytest.mark.parametrize('name', TYPES)

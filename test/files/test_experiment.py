@@ -26,19 +26,25 @@ def test_plant_and_controller_agree_in_every_experiment():
         experiment = read_experiment(path)
         plant, controller = experiment.plant_simulator, experiment.controller
         assert (plant.m, plant.time_step, plant.joint_name) == (
-            controller.m, controller.time_step, controller.joint_name)
+            controller.m,
+            controller.time_step,
+            controller.joint_name,
+        )
 
 
-@pytest.mark.parametrize(('text', 'said'), [
-    ('controller:\n  ros__parameters:\n    K: ten\n', "controller: invalid K = 'ten'"),
-    ('controller:\n  ros__parameters:\n    Kp: 1.0\n', 'Kp = 1.0'),
-    ('contoller:\n  ros__parameters:\n    K: 1.0\n', "'contoller'"),
-    ('controller:\n  K: 1.0\n', 'controller has no ros__parameters'),
-    ('controller: [\n', 'expected'),
-    ('plant_simulator:\n  ros__parameters:\n    damping: {kind: wavy}\n', "kind = 'wavy'"),
-    ('controller:\n  ros__parameters: {K: 1.0, K: 2.0}\n', 'K stands twice, again on line 2'),
-    ('- K\n', ': must be a mapping of plant_simulator'),
-])
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('controller:\n  ros__parameters:\n    K: ten\n', "controller: invalid K = 'ten'"),
+        ('controller:\n  ros__parameters:\n    Kp: 1.0\n', 'Kp = 1.0'),
+        ('contoller:\n  ros__parameters:\n    K: 1.0\n', "'contoller'"),
+        ('controller:\n  K: 1.0\n', 'controller has no ros__parameters'),
+        ('controller: [\n', 'expected'),
+        ('plant_simulator:\n  ros__parameters:\n    damping: {kind: wavy}\n', "kind = 'wavy'"),
+        ('controller:\n  ros__parameters: {K: 1.0, K: 2.0}\n', 'K stands twice, again on line 2'),
+        ('- K\n', ': must be a mapping of plant_simulator'),
+    ],
+)
 def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
     path = tmp_path / 'wrong.yaml'
     path.write_text(text)
@@ -55,11 +61,14 @@ def test_a_node_is_known_in_any_namespace(tmp_path):
     assert read_experiment(path).controller.K == 3.0
 
 
-@pytest.mark.parametrize('text', [
-    '/**:\n  ros__parameters: {use_sim_time: false}\n',
-    'arm:\n  controller:\n    ros__parameters: {K: 3.0}\n',
-    'controller:\n  ros__parameters:\n    qos_overrides: {/joint_states: {depth: 5}}\n',
-])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '/**:\n  ros__parameters: {use_sim_time: false}\n',
+        'arm:\n  controller:\n    ros__parameters: {K: 3.0}\n',
+        'controller:\n  ros__parameters:\n    qos_overrides: {/joint_states: {depth: 5}}\n',
+    ],
+)
 def test_what_ros_takes_is_taken(tmp_path, text):
     path = tmp_path / 'legal.yaml'
     path.write_text(text)
@@ -70,15 +79,19 @@ def test_what_ros_takes_is_taken(tmp_path, text):
 def test_a_controller_for_another_plant_is_refused(tmp_path, name, value):
     path = tmp_path / 'two.yaml'
     path.write_text(f'controller:\n  ros__parameters:\n    {name}: {value}\n')
-    with pytest.raises(ParameterError,
-                       match=f'controller: invalid {name} = .* that of plant_simulator'):
+    with pytest.raises(
+        ParameterError, match=f'controller: invalid {name} = .* that of plant_simulator'
+    ):
         read_experiment(path)
 
 
-@pytest.mark.parametrize(('values', 'said'), [
-    ('start_time: 3.0e9', 'start_time = 3000000000.0'),
-    ('start_time: 2.0e9, duration: 2.0e8', 'duration = 200000000.0'),
-])
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ('start_time: 3.0e9', 'start_time = 3000000000.0'),
+        ('start_time: 2.0e9, duration: 2.0e8', 'duration = 200000000.0'),
+    ],
+)
 def test_stamps_that_ros_cannot_hold_are_refused(tmp_path, values, said):
     path = tmp_path / 'late.yaml'
     path.write_text(f'plant_simulator:\n  ros__parameters: {{{values}}}\n')

@@ -14,8 +14,16 @@ from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_par
 from impulse_control_ros.files.recording import read
 from test.files.test_bag import begun, COMMAND, EVENT, STATE
 
-NUMBERS = ('time', 'stamp_ns', 'position', 'velocity', 'effort', 'command', 'impulse_area',
-           'damping')
+NUMBERS = (
+    'time',
+    'stamp_ns',
+    'position',
+    'velocity',
+    'effort',
+    'command',
+    'impulse_area',
+    'damping',
+)
 
 
 @pytest.fixture(scope='module', params=['underdamped', 'left'])
@@ -41,10 +49,12 @@ def test_there_is_a_row_for_each_sample_in_the_order_of_time(run, table):
 
 def test_a_row_has_the_bits_of_the_messages_of_its_stamp(run, table):
     for ours, theirs in (
-            (table['position'], run.states['position']),
-            (table['velocity'], run.states['velocity']), (table['effort'], run.states['effort']),
-            (table['command'], run.commands['effort']),
-            (table['is_reset'], run.states['is_reset'])):
+        (table['position'], run.states['position']),
+        (table['velocity'], run.states['velocity']),
+        (table['effort'], run.states['effort']),
+        (table['command'], run.commands['effort']),
+        (table['is_reset'], run.states['is_reset']),
+    ):
         assert ours.tobytes() == theirs.tobytes()
 
 
@@ -99,9 +109,13 @@ def test_a_csv_file_is_read_back_as_the_same_bits(bag, table, tmp_path):
 def test_a_sample_that_lacks_a_message_is_a_row_with_a_gap(tmp_path):
     writer = begun(tmp_path / 'run', 0)
     second = 10**9
-    writer.write([(second, 1, STATE.encode(1, 0, 0.5, -1.0, 2.0)),
-                  (second + 1, 3, COMMAND.encode(1, 1, 7.0)),
-                  (second + 2, 2, EVENT.encode(1, 2, 0.25, -1.0, 0.125))])
+    writer.write(
+        [
+            (second, 1, STATE.encode(1, 0, 0.5, -1.0, 2.0)),
+            (second + 1, 3, COMMAND.encode(1, 1, 7.0)),
+            (second + 2, 2, EVENT.encode(1, 2, 0.25, -1.0, 0.125)),
+        ]
+    )
     writer.close()
     table = to_numpy(tmp_path / 'run')
     assert list(table['stamp_ns']) == [second, second + 1, second + 2]

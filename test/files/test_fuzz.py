@@ -20,8 +20,12 @@ from impulse_control_ros.files.recording import read, Recording
 from impulse_control_ros.files.series import first_joint
 from test.files.test_bag import AUTHOR, entries, finished, RUN, START
 
-LAYOUTS = [JointStateLayout('axis'), JointStateLayout('axis', f'run:{RUN}.1 {AUTHOR}'),
-           JointStateLayout('axis', '', ('effort',)), JointStateLayout('', 'x', ())]
+LAYOUTS = [
+    JointStateLayout('axis'),
+    JointStateLayout('axis', f'run:{RUN}.1 {AUTHOR}'),
+    JointStateLayout('axis', '', ('effort',)),
+    JointStateLayout('', 'x', ()),
+]
 bits = st.integers(0, 2**64 - 1).map(lambda word: struct.unpack('<d', struct.pack('<Q', word))[0])
 
 
@@ -36,13 +40,13 @@ def mutated(draw, original):
         if kind == 'flip' and content:
             content[at] ^= draw(st.integers(1, 255))
         elif kind == 'cut':
-            del content[at:at + length]
+            del content[at : at + length]
         elif kind == 'double':
-            content[at:at] = content[at:at + length]
+            content[at:at] = content[at : at + length]
         elif kind == 'end':
             del content[at:]
         else:
-            content[at:at + length] = draw(st.binary(min_size=length, max_size=length))
+            content[at : at + length] = draw(st.binary(min_size=length, max_size=length))
     return bytes(content)
 
 
@@ -65,14 +69,23 @@ def test_any_bytes_are_a_message_of_the_layout_or_none(layout, data):
     good, *values = layout.decode_rows(rows)
     assert bool(good[0]) == (decoded is not None)
     if decoded is not None:
-        assert struct.pack('<2q3d', *map(int, decoded[:2]), *(*decoded[2:], 0., 0., 0.)[:3]) == (
-            struct.pack('<2q3d', *(int(value[0]) for value in values[:2]),
-                        *(*(value[0] for value in values[2:]), 0., 0., 0.)[:3]))
+        assert struct.pack(
+            '<2q3d', *map(int, decoded[:2]), *(*decoded[2:], 0.0, 0.0, 0.0)[:3]
+        ) == (
+            struct.pack(
+                '<2q3d',
+                *(int(value[0]) for value in values[:2]),
+                *(*(value[0] for value in values[2:]), 0.0, 0.0, 0.0)[:3],
+            )
+        )
 
 
 @settings(max_examples=300, deadline=None)
-@given(sec=st.integers(0, 2**32 - 1), nanosec=st.integers(0, 2**32 - 1),
-       values=st.lists(bits, min_size=3, max_size=3))
+@given(
+    sec=st.integers(0, 2**32 - 1),
+    nanosec=st.integers(0, 2**32 - 1),
+    values=st.lists(bits, min_size=3, max_size=3),
+)
 def test_every_message_comes_back_to_the_last_bit(sec, nanosec, values):
     raw = LAYOUTS[0].encode(sec, nanosec, *values)
     assert LAYOUTS[0].encode(*LAYOUTS[0].decode(raw)) == raw
@@ -82,17 +95,40 @@ def test_every_message_comes_back_to_the_last_bit(sec, nanosec, values):
 def unchecked(chunked):
     """Return a bag of another writer, without a checksum that would tell of a wrong byte."""
     stream = BytesIO()
-    writer = Writer(stream, chunk_size=1024, use_chunking=chunked, enable_crcs=False,
-                    compression=CompressionType.NONE)
+    writer = Writer(
+        stream,
+        chunk_size=1024,
+        use_chunking=chunked,
+        enable_crcs=False,
+        compression=CompressionType.NONE,
+    )
     writer.start('ros2')
     schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
-    channels = {number: writer.register_channel(name, 'cdr', schema) for number, name in (
-        (1, '/joint_states'), (2, '/impulse_events'), (3, '/joint_commands'))}
-    channels[4] = writer.register_channel('/run_parameters', 'cdr', writer.register_schema(
-        PARAMETER_EVENT, 'ros2msg', message_definition(PARAMETER_EVENT).encode()))
-    told = [(START + at, 4, encode_parameter_event(
-        1, at, f'run:{RUN} {AUTHOR}', {'K': K, 'joint_name': 'axis', 'x': ['a', 'b']}, changed))
-        for at, K, changed in ((0, 10.0, {}), (1500, 12.0, {'K': 12.0}))]
+    channels = {
+        number: writer.register_channel(name, 'cdr', schema)
+        for number, name in ((1, '/joint_states'), (2, '/impulse_events'), (3, '/joint_commands'))
+    }
+    channels[4] = writer.register_channel(
+        '/run_parameters',
+        'cdr',
+        writer.register_schema(
+            PARAMETER_EVENT, 'ros2msg', message_definition(PARAMETER_EVENT).encode()
+        ),
+    )
+    told = [
+        (
+            START + at,
+            4,
+            encode_parameter_event(
+                1,
+                at,
+                f'run:{RUN} {AUTHOR}',
+                {'K': K, 'joint_name': 'axis', 'x': ['a', 'b']},
+                changed,
+            ),
+        )
+        for at, K, changed in ((0, 10.0, {}), (1500, 12.0, {'K': 12.0}))
+    ]
     for stamp, number, raw in (*told, *entries(20)):
         writer.add_message(channels[number], stamp, raw, stamp)
     writer.finish()

@@ -43,10 +43,15 @@ def chunks_in(path):
 def messages_in(content):
     at = 0
     while at < len(content):
-        size = int.from_bytes(content[at + 1:at + 9], 'little')
-        message = Message.read(ReadDataStream(BytesIO(content[at + 9:at + 9 + size])), size)
-        yield (message.channel_id, message.sequence, message.log_time, message.publish_time,
-               message.data)
+        size = int.from_bytes(content[at + 1 : at + 9], 'little')
+        message = Message.read(ReadDataStream(BytesIO(content[at + 9 : at + 9 + size])), size)
+        yield (
+            message.channel_id,
+            message.sequence,
+            message.log_time,
+            message.publish_time,
+            message.data,
+        )
         at += 9 + size
 
 
@@ -59,19 +64,24 @@ def begun(folder):
 
 
 @settings(max_examples=150, deadline=None)
-@given(messages=st.lists(st.tuples(
-    st.integers(0, 20), st.integers(1, CHANNELS), st.integers(0, 1000)), max_size=60),
-    parts=st.lists(st.tuples(st.integers(1, 30), st.booleans()), min_size=60, max_size=60))
+@given(
+    messages=st.lists(
+        st.tuples(st.integers(0, 20), st.integers(1, CHANNELS), st.integers(0, 1000)), max_size=60
+    ),
+    parts=st.lists(st.tuples(st.integers(1, 30), st.booleans()), min_size=60, max_size=60),
+)
 def test_chunks_are_the_same_however_the_messages_come(tmp_path_factory, messages, parts):
-    messages = [(stamp, channel, bytes([k % 256]) * size)
-                for k, (stamp, channel, size) in enumerate(messages)]
+    messages = [
+        (stamp, channel, bytes([k % 256]) * size)
+        for k, (stamp, channel, size) in enumerate(messages)
+    ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mcap_chunk, 'CHUNK_SIZE', SMALL)
         patch.setattr(mcap_chunk, 'LARGEST_CHUNK', LARGEST)
         folder = Path(tmp_path_factory.mktemp('chunks'))
         file, done = begun(folder), 0
         for size, in_block in parts:
-            some = messages[done:done + size]
+            some = messages[done : done + size]
             done += len(some)
             if in_block and some:
                 file.write_block(block_of(*zip(*some, strict=True)))

@@ -49,10 +49,12 @@ def long(made):
 
 
 def is_of(recording, run):
-    for ours, theirs in ((recording.states['position'], run.position),
-                         (recording.states['velocity'], run.velocity),
-                         (recording.commands['effort'], run.effort),
-                         (recording.impulses['area'], run.events['area'])):
+    for ours, theirs in (
+        (recording.states['position'], run.position),
+        (recording.states['velocity'], run.velocity),
+        (recording.commands['effort'], run.effort),
+        (recording.impulses['area'], run.events['area']),
+    ):
         assert ours.tobytes() == theirs.tobytes()
     return True
 
@@ -64,16 +66,20 @@ def is_of(recording, run):
 def restarted(tmp_path, made, short, long):
     """Return a bag of two runs: stamps begin at 1 s again."""
     runs = ((short, RUN, WALL), (long, OTHER_RUN, LATER))
-    return recorded_elsewhere(tmp_path / 'bag', (
-        message for run, name, start in runs
-        for message in sent([*all_told(made, name), *entries(run, run=name)], start)))
+    return recorded_elsewhere(
+        tmp_path / 'bag',
+        (
+            message
+            for run, name, start in runs
+            for message in sent([*all_told(made, name), *entries(run, run=name)], start)
+        ),
+    )
 
 
 def test_the_longest_of_several_runs_is_read_and_the_others_are_counted(restarted, short, long):
     recording = read(restarted)
     assert (recording.run, is_of(recording, long)) == (OTHER_RUN, True)
-    assert recording.lacks == [
-        f'run {RUN} is left out ({2 * 201 + len(short.events)} messages)']
+    assert recording.lacks == [f'run {RUN} is left out ({2 * 201 + len(short.events)} messages)']
     assert recording.states['is_reset'].tolist() == [True] + [False] * 300
 
 
@@ -87,9 +93,14 @@ def test_a_run_is_read_by_its_name(restarted, short):
 def test_damping_is_that_of_the_run(tmp_path):
     made = experiment('time_varying')
     runs = [simulate(made.plant_simulator, made.controller, seconds) for seconds in (0.02, 0.03)]
-    bag = recorded_elsewhere(tmp_path / 'bag', (
-        message for run, name, start in zip(runs, (RUN, OTHER_RUN), (WALL, LATER), strict=True)
-        for message in sent(entries(run, run=name), start)))
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        (
+            message
+            for run, name, start in zip(runs, (RUN, OTHER_RUN), (WALL, LATER), strict=True)
+            for message in sent(entries(run, run=name), start)
+        ),
+    )
     for run, name in zip(runs, (RUN, OTHER_RUN), strict=True):
         damping = read(bag, name).damping
         ticks = (damping['stamp'] - START) // STEP
@@ -118,22 +129,30 @@ def state(k, position=0.5, run='', episode=0, controller=''):
 def test_a_foreign_plant_whose_time_goes_back_has_two_runs(tmp_path, shift, longest):
     layout, counts = JointStateLayout('axis'), [60, 60]
     counts[longest] += 20
-    messages = [(0, STATES, layout.encode(1, k * STEP + number * shift, number, 0.0, 0.0))
-                for number, count in enumerate(counts) for k in range(count)]
+    messages = [
+        (0, STATES, layout.encode(1, k * STEP + number * shift, number, 0.0, 0.0))
+        for number, count in enumerate(counts)
+        for k in range(count)
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.states['position'].tolist() == [longest] * 80
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert recording.lacks == [
         'another part of it, in which time goes back, is left out (60 messages)',
-        'there are no commands']
+        'there are no commands',
+    ]
 
 
 def test_two_foreign_plants_are_told_apart_by_their_namespace_alone(tmp_path):
     left, right = ([state(k, position) for k in range(50)] for position in (0.0, 1.0))
-    bag = recorded_elsewhere(tmp_path / 'bag', sorted([
-        *sent(left, namespace='/left'), *sent(right, WALL + 3, namespace='/right')]))
-    with pytest.raises(BagError, match="joint 'axis' has states in the namespaces /left, /right: "
-                       'choose one with --run'):
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        sorted([*sent(left, namespace='/left'), *sent(right, WALL + 3, namespace='/right')]),
+    )
+    with pytest.raises(
+        BagError,
+        match="joint 'axis' has states in the namespaces /left, /right: choose one with --run",
+    ):
         read(bag)
     for name, position in (('/left', 0.0), ('/right', 1.0)):
         assert read(bag, name).states['position'].tolist() == [position] * 50
@@ -155,11 +174,18 @@ def event(k, area, author=CONTROLLER, guard='sticking'):
 
 @pytest.mark.parametrize('turned', [False, True])
 def test_of_two_commands_the_one_counts_whose_author_the_next_state_names(tmp_path, turned):
-    rivals = [[event(0, 2.0, OTHER), command(0, 2.0, OTHER, 'sticking')],
-              [event(0, 1.0), command(0, 1.0, guard='sticking')]]
-    messages = [state(0, run=RUN), *sum(rivals[::-1] if turned else rivals, []),
-                state(1, run=RUN, controller=CONTROLLER), command(1, 3.0, OTHER),
-                command(1, 4.0), event(1, 3.0, OTHER)]
+    rivals = [
+        [event(0, 2.0, OTHER), command(0, 2.0, OTHER, 'sticking')],
+        [event(0, 1.0), command(0, 1.0, guard='sticking')],
+    ]
+    messages = [
+        state(0, run=RUN),
+        *sum(rivals[::-1] if turned else rivals, []),
+        state(1, run=RUN, controller=CONTROLLER),
+        command(1, 3.0, OTHER),
+        command(1, 4.0),
+        event(1, 3.0, OTHER),
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     # behind the last state nothing tells but that itself
     assert recording.commands['effort'].tolist() == [1.0, 4.0]
@@ -169,26 +195,43 @@ def test_of_two_commands_the_one_counts_whose_author_the_next_state_names(tmp_pa
 @pytest.mark.parametrize('turned', [False, True])
 def test_of_two_commands_the_first_counts_where_no_state_tells(tmp_path, turned):
     rivals = [command(0, 1.0), command(0, 2.0, OTHER)]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent([
-        state(0, run=RUN), *(rivals[::-1] if turned else rivals)])))
+    recording = read(
+        recorded_elsewhere(
+            tmp_path / 'bag', sent([state(0, run=RUN), *(rivals[::-1] if turned else rivals)])
+        )
+    )
     assert recording.commands['effort'].tolist() == [2.0 if turned else 1.0]
 
 
 def test_the_commands_of_a_foreign_controller_count_while_the_states_say_so(tmp_path):
-    messages = [state(0, run=RUN), command(0, 1.0, run=''), state(1, run=RUN, controller='-'),
-                command(1, 2.0, run=''), command(1, 9.0), state(2, run=RUN, controller='-'),
-                state(3, run=RUN, controller=CONTROLLER), command(2, 3.0),
-                command(2, 9.0, run=''), command(3, 9.0, run=''), command(3, 4.0)]
+    messages = [
+        state(0, run=RUN),
+        command(0, 1.0, run=''),
+        state(1, run=RUN, controller='-'),
+        command(1, 2.0, run=''),
+        command(1, 9.0),
+        state(2, run=RUN, controller='-'),
+        state(3, run=RUN, controller=CONTROLLER),
+        command(2, 3.0),
+        command(2, 9.0, run=''),
+        command(3, 9.0, run=''),
+        command(3, 4.0),
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.commands['effort'].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert 'the parameters of a foreign controller are missing' in recording.lacks
 
 
 def test_a_controller_that_tells_its_parameters_and_stands_by_has_none_in_the_run(
-        tmp_path, made, short):
+    tmp_path, made, short
+):
     other = replace(made.controller, K=99.0)
-    messages = [*all_told(made), told(OTHER, other.flat()), *entries(short),
-                told(OTHER, other.flat(), ['K'], 100)]
+    messages = [
+        *all_told(made),
+        told(OTHER, other.flat()),
+        *entries(short),
+        told(OTHER, other.flat(), ['K'], 100),
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert [change.node for change in recording.history] == [PLANT, '/controller']
     assert recording.lacks == []
@@ -209,35 +252,46 @@ def test_a_reset_is_another_episode(tmp_path):
     assert np.flatnonzero(states['is_reset']).tolist() == [0, 4, 8]
 
 
-@pytest.mark.parametrize(('k', 'episode', 'controller', 'is_reset'), [
-    (0, 0, '', True), (0, 0, CONTROLLER, False), (0, 1, '', False)])
+@pytest.mark.parametrize(
+    ('k', 'episode', 'controller', 'is_reset'),
+    [(0, 0, '', True), (0, 0, CONTROLLER, False), (0, 1, '', False)],
+)
 def test_without_parameters_the_first_state_tells_whether_the_run_begins_with_it(
-        tmp_path, k, episode, controller, is_reset):
-    bag = recorded_elsewhere(tmp_path / 'bag', sent([
-        state(k, run=RUN, episode=episode, controller=controller)]))
+    tmp_path, k, episode, controller, is_reset
+):
+    bag = recorded_elsewhere(
+        tmp_path / 'bag', sent([state(k, run=RUN, episode=episode, controller=controller)])
+    )
     assert read(bag).states['is_reset'].tolist() == [is_reset]
 
 
 def test_a_change_before_the_first_state_belongs_to_the_start(tmp_path):
     values = {'K': 1.0, 'D': 2.0}
-    messages = [told(CONTROLLER, values), told(CONTROLLER, {**values, 'K': 2.0}, ['K'], 5),
-                told(CONTROLLER, {**values, 'K': 3.0}, ['K'], 8),
-                *(state(k, run=RUN, controller=CONTROLLER) for k in range(7, 12))]
+    messages = [
+        told(CONTROLLER, values),
+        told(CONTROLLER, {**values, 'K': 2.0}, ['K'], 5),
+        told(CONTROLLER, {**values, 'K': 3.0}, ['K'], 8),
+        *(state(k, run=RUN, controller=CONTROLLER) for k in range(7, 12)),
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.parameters == {'/controller': {'K': 2.0, 'D': 2.0}}
-    change, = recording.changes
+    (change,) = recording.changes
     assert (change.stamp, change.changed) == (START + 8 * STEP, {'K': 3.0})
 
 
 def test_who_begins_to_act_in_mid_run_is_a_change(tmp_path):
     values = {'K': 1.0}
-    messages = [told(CONTROLLER, values), told(OTHER, values, tick=2),
-                *(state(k, run=RUN, controller=CONTROLLER) for k in range(4)),
-                *(command(k, 0.0, CONTROLLER if k < 2 else OTHER) for k in range(4))]
+    messages = [
+        told(CONTROLLER, values),
+        told(OTHER, values, tick=2),
+        *(state(k, run=RUN, controller=CONTROLLER) for k in range(4)),
+        *(command(k, 0.0, CONTROLLER if k < 2 else OTHER) for k in range(4)),
+    ]
     recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.parameters == {'/controller': values, '/other': values}
     assert [(change.stamp, change.node, change.anew) for change in recording.changes] == [
-        (START + 2 * STEP, '/other', True)]
+        (START + 2 * STEP, '/other', True)
+    ]
 
 
 # -- what a bag lacks -------------------------------------------------------------------------
@@ -253,48 +307,69 @@ def without(messages, *unwanted):
             yield message
 
 
-@pytest.mark.parametrize(('unwanted', 'lacks'), [
-    ([], []),
-    ([(STATES, 50), (STATES, 51), (STATES, 70)], ['3 states are missing']),
-    ([(COMMANDS, 3), (COMMANDS, 199)], ['2 states have no command']),
-    ([(COMMANDS, 200)], []),  # the run ended before
-    ([(STATES, 200), (COMMANDS, 200)], []),
-    ([(EVENTS, 0)], ['1 commands name a guard whose event is missing']),
-    ([(PARAMETERS, 0)], ['the parameters of the plant are missing']),
-    ([(PARAMETERS, 1)], [f'the parameters of {CONTROLLER} are missing']),
-    ([(PARAMETERS, 0), (PARAMETERS, 1)], ['the parameters of the plant are missing',
-                                          f'the parameters of {CONTROLLER} are missing']),
-    ([(STATES, 0), (STATES, 1)],
-     ['the bag begins in mid-run, at 1.000200000 s; the controller may already have been '
-      'active']),
-    ([(COMMANDS, k) for k in range(201)], ['there are no commands']),
-])
+@pytest.mark.parametrize(
+    ('unwanted', 'lacks'),
+    [
+        ([], []),
+        ([(STATES, 50), (STATES, 51), (STATES, 70)], ['3 states are missing']),
+        ([(COMMANDS, 3), (COMMANDS, 199)], ['2 states have no command']),
+        ([(COMMANDS, 200)], []),  # the run ended before
+        ([(STATES, 200), (COMMANDS, 200)], []),
+        ([(EVENTS, 0)], ['1 commands name a guard whose event is missing']),
+        ([(PARAMETERS, 0)], ['the parameters of the plant are missing']),
+        ([(PARAMETERS, 1)], [f'the parameters of {CONTROLLER} are missing']),
+        (
+            [(PARAMETERS, 0), (PARAMETERS, 1)],
+            [
+                'the parameters of the plant are missing',
+                f'the parameters of {CONTROLLER} are missing',
+            ],
+        ),
+        (
+            [(STATES, 0), (STATES, 1)],
+            [
+                'the bag begins in mid-run, at 1.000200000 s; the controller may already have '
+                'been '
+                'active'
+            ],
+        ),
+        ([(COMMANDS, k) for k in range(201)], ['there are no commands']),
+    ],
+)
 @pytest.mark.parametrize('ours', [False, True])
 def test_what_a_bag_lacks_is_said_whoever_recorded_it(
-        tmp_path, made, short, ours, unwanted, lacks):
+    tmp_path, made, short, ours, unwanted, lacks
+):
     assert len(short.events)
     if ours:
         writer = begun(tmp_path / 'bag', made, told_by=without(all_told(made), *unwanted))
         writer.write(without(entries(short), *unwanted))
         bag = finished(writer)
     else:
-        bag = recorded_elsewhere(tmp_path / 'bag', sent(
-            without([*all_told(made), *entries(short)], *unwanted)))
+        bag = recorded_elsewhere(
+            tmp_path / 'bag', sent(without([*all_told(made), *entries(short)], *unwanted))
+        )
     assert read(bag).lacks == lacks
 
 
 def test_a_free_run_need_not_answer_every_state(tmp_path, made, short):
-    free = replace(made, plant_simulator=replace(
-        made.plant_simulator, lockstep=False, real_time_factor=1.0))
-    bag = recorded_elsewhere(tmp_path / 'bag', sent([
-        *all_told(free), *without(entries(short), (COMMANDS, 3))]))
+    free = replace(
+        made, plant_simulator=replace(made.plant_simulator, lockstep=False, real_time_factor=1.0)
+    )
+    bag = recorded_elsewhere(
+        tmp_path / 'bag', sent([*all_told(free), *without(entries(short), (COMMANDS, 3))])
+    )
     assert read(bag).lacks == []
 
 
 def test_the_first_commands_of_a_free_run_are_missed(tmp_path, made, short):
-    free = replace(made, plant_simulator=replace(
-        made.plant_simulator, lockstep=False, real_time_factor=1.0))
-    bag = recorded_elsewhere(tmp_path / 'bag', sent([
-        *all_told(free), *without(entries(short), (COMMANDS, 0), (COMMANDS, 1))]))
-    assert read(bag).lacks == ['the first commands of /controller are missing; it started at '
-                               '1.000000000 s']
+    free = replace(
+        made, plant_simulator=replace(made.plant_simulator, lockstep=False, real_time_factor=1.0)
+    )
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        sent([*all_told(free), *without(entries(short), (COMMANDS, 0), (COMMANDS, 1))]),
+    )
+    assert read(bag).lacks == [
+        'the first commands of /controller are missing; it started at 1.000000000 s'
+    ]

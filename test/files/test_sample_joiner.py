@@ -54,8 +54,9 @@ def fired(tick, author=ME):
 
 
 def parameters(tick, node=ME, changed=False):
-    return encode_parameter_event(*stamp(tick), NodeHeader(RUN, node).frame_id, {'K': 1.0},
-                                  {'K': 1.0} if changed else {})
+    return encode_parameter_event(
+        *stamp(tick), NodeHeader(RUN, node).frame_id, {'K': 1.0}, {'K': 1.0} if changed else {}
+    )
 
 
 def joined(arrivals, plant=OURS):
@@ -76,13 +77,18 @@ def channels(entries):
 @given(st.data())
 def test_any_order_of_arrival_gives_the_same_recording(data):
     count = data.draw(st.integers(1, 30))
-    queues = {STATES: [state(k) for k in range(count)],
-              COMMANDS: [command(k) if k % 3 else fired(k) for k in range(count)],
-              EVENTS: [event(k) for k in range(0, count, 3)],
-              PARAMETERS: [parameters(0), parameters(count // 2, changed=True)]}
-    expected = [(START + k * STEP, channel, messages[at])
-                for channel, messages in queues.items() if channel != PARAMETERS
-                for at, k in enumerate(range(0, count, 3 if channel == EVENTS else 1))]
+    queues = {
+        STATES: [state(k) for k in range(count)],
+        COMMANDS: [command(k) if k % 3 else fired(k) for k in range(count)],
+        EVENTS: [event(k) for k in range(0, count, 3)],
+        PARAMETERS: [parameters(0), parameters(count // 2, changed=True)],
+    }
+    expected = [
+        (START + k * STEP, channel, messages[at])
+        for channel, messages in queues.items()
+        if channel != PARAMETERS
+        for at, k in enumerate(range(0, count, 3 if channel == EVENTS else 1))
+    ]
     arrivals = [(PARAMETERS, queues.pop(PARAMETERS))]
     while any(queues.values()):
         channel = data.draw(st.sampled_from([i for i, waiting in queues.items() if waiting]))
@@ -95,13 +101,32 @@ def test_any_order_of_arrival_gives_the_same_recording(data):
 
 
 def test_a_sample_is_its_parameters_state_event_command_and_what_has_no_stamp():
-    entries, joiner = joined([
-        (PARAMETERS, [parameters(0)]), (STATES, [state(0, '')]), (EVENTS, [event(0)]),
-        (DAMPING, [encode_float64(1.0)]), (COMMANDS, [fired(0)]),
-        (STATES, [state(1)]), (PARAMETERS, [parameters(1, changed=True)]),
-        (COMMANDS, [command(1)]), (STATES, [state(2)]), (COMMANDS, [command(2)])])
-    assert channels(entries) == [PARAMETERS, STATES, EVENTS, COMMANDS, DAMPING,
-                                 PARAMETERS, STATES, COMMANDS, STATES, COMMANDS]
+    entries, joiner = joined(
+        [
+            (PARAMETERS, [parameters(0)]),
+            (STATES, [state(0, '')]),
+            (EVENTS, [event(0)]),
+            (DAMPING, [encode_float64(1.0)]),
+            (COMMANDS, [fired(0)]),
+            (STATES, [state(1)]),
+            (PARAMETERS, [parameters(1, changed=True)]),
+            (COMMANDS, [command(1)]),
+            (STATES, [state(2)]),
+            (COMMANDS, [command(2)]),
+        ]
+    )
+    assert channels(entries) == [
+        PARAMETERS,
+        STATES,
+        EVENTS,
+        COMMANDS,
+        DAMPING,
+        PARAMETERS,
+        STATES,
+        COMMANDS,
+        STATES,
+        COMMANDS,
+    ]
     assert [at for at, *_ in entries] == sorted(at for at, *_ in entries)
     assert joiner.reached == START + 2 * STEP
 
@@ -119,25 +144,33 @@ def test_nothing_is_handed_out_before_the_next_state_says_whose_command_acted():
     assert joiner.take() == []
     assert joiner.reached == START
     joiner.add(STATES, state(1, RIVAL), 4)
-    assert joiner.take() == [(START, STATES, state(0, '')),
-                             (START, COMMANDS, command(0, author=RIVAL, effort=2.0))]
+    assert joiner.take() == [
+        (START, STATES, state(0, '')),
+        (START, COMMANDS, command(0, author=RIVAL, effort=2.0)),
+    ]
     assert joiner.counts['repeated'] == 2
 
 
 @given(st.sets(st.integers(1, 28)), st.sets(st.integers(1, 28)))
 def test_every_missing_state_and_command_is_counted(lost_states, lost_commands):
-    _, joiner = joined([
-        (STATES, [state(k) for k in range(30) if k not in lost_states]),
-        (COMMANDS, [command(k) for k in range(30) if k not in lost_commands])])
+    _, joiner = joined(
+        [
+            (STATES, [state(k) for k in range(30) if k not in lost_states]),
+            (COMMANDS, [command(k) for k in range(30) if k not in lost_commands]),
+        ]
+    )
     assert joiner.counts['missing'] == len(lost_states) + len(lost_commands - lost_states)
 
 
 @given(st.sets(st.integers(0, 29)), st.sets(st.integers(0, 29)))
 def test_every_event_that_a_command_announces_is_missing_where_it_is_not_there(guards, lost):
-    _, joiner = joined([
-        (STATES, [state(k) for k in range(30)]),
-        (EVENTS, [event(k) for k in sorted(guards - lost)]),
-        (COMMANDS, [fired(k) if k in guards else command(k) for k in range(30)])])
+    _, joiner = joined(
+        [
+            (STATES, [state(k) for k in range(30)]),
+            (EVENTS, [event(k) for k in sorted(guards - lost)]),
+            (COMMANDS, [fired(k) if k in guards else command(k) for k in range(30)]),
+        ]
+    )
     assert joiner.counts['missing'] == len(guards & lost)
 
 
@@ -181,10 +214,14 @@ def test_the_command_of_a_killed_controller_is_waited_for_until_it_is_given_up()
 
 
 def test_what_comes_again_is_dropped_and_counted():
-    entries, joiner = joined([
-        (STATES, [state(0, ''), state(0, ''), state(1), state(1, '')]),
-        (COMMANDS, [command(0), command(1), command(1)]),
-        (STATES, [state(2)]), (COMMANDS, [command(0)])])
+    entries, joiner = joined(
+        [
+            (STATES, [state(0, ''), state(0, ''), state(1), state(1, '')]),
+            (COMMANDS, [command(0), command(1), command(1)]),
+            (STATES, [state(2)]),
+            (COMMANDS, [command(0)]),
+        ]
+    )
     assert len(entries) == 5
     assert joiner.counts['repeated'] == 4
     assert joiner.heard == 5
@@ -209,14 +246,18 @@ def test_states_before_the_first_answered_one_are_not_missing_and_few_are_kept()
 
 
 def test_another_run_is_left_out_and_named_and_foreign_states_are_kept_beside_the_run():
-    entries, joiner = joined([
-        (STATES, [state(0, ''), state(50, '', run=OTHER_RUN)]),
-        (COMMANDS, [command(0), command(50, run=OTHER_RUN)])])
+    entries, joiner = joined(
+        [
+            (STATES, [state(0, ''), state(50, '', run=OTHER_RUN)]),
+            (COMMANDS, [command(0), command(50, run=OTHER_RUN)]),
+        ]
+    )
     assert channels(entries) == [STATES, COMMANDS]
     assert joiner.other == OTHER_RUN
     assert joiner.counts['foreign'] == 2
-    entries, joiner = joined([(STATES, [state(0, ''), state(7, run='', joint='elbow')]),
-                              (COMMANDS, [command(0)])])
+    entries, joiner = joined(
+        [(STATES, [state(0, ''), state(7, run='', joint='elbow')]), (COMMANDS, [command(0)])]
+    )
     assert channels(entries) == [STATES, COMMANDS, STATES]
     assert (joiner.counts['foreign'], joiner.other) == (1, None)
 
@@ -234,7 +275,8 @@ def test_a_foreign_plant_is_joined_by_its_stamps_and_another_run_when_time_goes_
 def test_a_foreign_controller_with_stamps_of_its_own_holds_nothing():
     foreign = [command(0, run='', at=(1_790_000_000, k)) for k in range(5)]
     entries, joiner = joined(
-        [(STATES, [state(k, '-')]) for k in range(5)] + [(COMMANDS, foreign)], FREE)
+        [(STATES, [state(k, '-')]) for k in range(5)] + [(COMMANDS, foreign)], FREE
+    )
     assert channels(entries).count(STATES) == 5
     assert [raw for _, channel, raw in entries if channel == COMMANDS] == foreign
     assert joiner.reached == START + 4 * STEP
@@ -243,9 +285,14 @@ def test_a_foreign_controller_with_stamps_of_its_own_holds_nothing():
 
 def test_a_command_without_a_stamp_has_the_place_of_the_last_one_that_has_one():
     zero = command(0, at=(0, 0), effort=0.0)
-    entries, _ = joined([
-        (STATES, [state(k) for k in range(4)]), (COMMANDS, [command(0), command(1), zero]),
-        (COMMANDS, [command(2), command(3)])], FREE)
+    entries, _ = joined(
+        [
+            (STATES, [state(k) for k in range(4)]),
+            (COMMANDS, [command(0), command(1), zero]),
+            (COMMANDS, [command(2), command(3)]),
+        ],
+        FREE,
+    )
     assert entries[3:5] == [(START + STEP, COMMANDS, command(1)), (START + STEP, COMMANDS, zero)]
 
 
@@ -259,14 +306,23 @@ def test_what_has_no_stamp_stands_behind_the_state_that_was_published_before_it(
         joiner.add(DAMPING, encode_float64(float(k)), 10 * k + 2)
     entries = joiner.take() + joiner.take(everything=True)
     assert [one for one in entries if one[1] == DAMPING] == [
-        (START + k * STEP, DAMPING, encode_float64(float(k))) for k in sorted(times)]
+        (START + k * STEP, DAMPING, encode_float64(float(k))) for k in sorted(times)
+    ]
 
 
-@pytest.mark.parametrize('raw', [b'', b'\x00\x01\x00\x00', b'\xff' * 40,
-                                 b'\x00\x01\x00\x00' + b'\xff' * 60])
+@pytest.mark.parametrize(
+    'raw', [b'', b'\x00\x01\x00\x00', b'\xff' * 40, b'\x00\x01\x00\x00' + b'\xff' * 60]
+)
 @pytest.mark.parametrize('channel', [STATES, EVENTS, COMMANDS, PARAMETERS, DAMPING])
 def test_bytes_that_are_no_message_hold_nothing(channel, raw):
-    _, joiner = joined([(STATES, [state(0, '')]), (channel, [raw]), (COMMANDS, [command(0)]),
-                        (STATES, [state(1)]), (COMMANDS, [command(1)])])
+    _, joiner = joined(
+        [
+            (STATES, [state(0, '')]),
+            (channel, [raw]),
+            (COMMANDS, [command(0)]),
+            (STATES, [state(1)]),
+            (COMMANDS, [command(1)]),
+        ]
+    )
     assert joiner.reached == START + STEP
     assert joiner.counts['missing'] == 0

@@ -39,12 +39,14 @@ def run(made):
 @pytest.fixture(params=[RUN, ''], ids=['our plant', 'foreign plant'])
 def bag(request, tmp_path, made, run):
     """Return a bag in which every 50th state comes twice, and states come late, out of order."""
-    begun = all_told(made, request.param)[0 if request.param else 1:]
-    changed = told(CONTROLLER, {**made.controller.flat(), 'x_r': 0.1}, ['x_r'], 1500,
-                   request.param)
+    begun = all_told(made, request.param)[0 if request.param else 1 :]
+    changed = told(
+        CONTROLLER, {**made.controller.flat(), 'x_r': 0.1}, ['x_r'], 1500, request.param
+    )
     messages = []
-    for at, (time, name, kind, raw) in enumerate(sent(
-            [*begun, *entries(run, run=request.param), changed])):
+    for at, (time, name, kind, raw) in enumerate(
+        sent([*begun, *entries(run, run=request.param), changed])
+    ):
         again = name == '/joint_states' and at % 50 == 0
         messages += [(time + LAG * lag, name, kind, raw) for lag in range(1 + again)]
     return recorded_elsewhere(tmp_path / 'bag', messages[::-1])
@@ -68,7 +70,7 @@ def test_damping_belongs_to_the_state_that_was_sent_before_it(bag, run):
 
 def test_a_change_of_parameters_acts_at_its_stamp_whenever_it_came(bag, made):
     recording = read(bag)
-    change, = recording.changes
+    (change,) = recording.changes
     assert (change.stamp, change.node) == (START + 1500 * STEP, '/controller')
     assert (change.changed, change.anew) == ({'x_r': 0.1}, False)
     assert change.values == {**made.controller.flat(), 'x_r': 0.1}
@@ -88,13 +90,15 @@ def test_a_bag_without_parameters_is_analysed_with_a_warning(tmp_path, run, caps
     assert 'impulses  ' in said.out
     assert said.err.splitlines() == [
         f'analyze: warning: {bag}: incomplete: the parameters of the controller are missing',
-        f'analyze: warning: {bag}: no node tells its set-point x_r: 0 m is taken']
+        f'analyze: warning: {bag}: no node tells its set-point x_r: 0 m is taken',
+    ]
 
 
 def test_a_bag_of_another_joint_is_refused_by_name(tmp_path):
     for raw in (b'\0\1\0\0' + bytes(60), JointStateLayout('elbow').encode(1, 0, 0, 0, 0)):
-        bag = recorded_elsewhere(tmp_path / f'bag{len(raw)}', [
-            (WALL, '/joint_states', TYPES[STATES], raw)])
+        bag = recorded_elsewhere(
+            tmp_path / f'bag{len(raw)}', [(WALL, '/joint_states', TYPES[STATES], raw)]
+        )
         with pytest.raises(BagError, match="no joint_states of joint 'axis' among its topics"):
             read(bag)
 
@@ -103,8 +107,10 @@ def test_a_bag_of_another_joint_is_refused_by_name(tmp_path):
 def test_the_joint_is_found_that_a_controller_tells_however_late(tmp_path, controller):
     joints = ('lift', 'axis', 'grip')
     layouts = [JointStateLayout(joint, 'base', joints=joints) for joint in joints[:2]]
-    messages = [(START + k * STEP, STATES, layouts[k % 2].encode(1, k * STEP, 1.0, 2.0, 3.0))
-                for k in range(20_000)]
+    messages = [
+        (START + k * STEP, STATES, layouts[k % 2].encode(1, k * STEP, 1.0, 2.0, 3.0))
+        for k in range(20_000)
+    ]
     if controller:
         messages.append(told(CONTROLLER, {'joint_name': 'lift'}, run=''))
     states = read(recorded_elsewhere(tmp_path / 'bag', sent(messages))).states
@@ -114,8 +120,12 @@ def test_the_joint_is_found_that_a_controller_tells_however_late(tmp_path, contr
 
 def test_our_run_of_another_joint_needs_no_parameters(tmp_path):
     layout = JointStateLayout('lift', f'run:{RUN}.0')
-    states = read(recorded_elsewhere(tmp_path / 'bag', sent(
-        (START, STATES, layout.encode(1, k, 0.5, 0.0, 0.0)) for k in range(1, 4)))).states
+    states = read(
+        recorded_elsewhere(
+            tmp_path / 'bag',
+            sent((START, STATES, layout.encode(1, k, 0.5, 0.0, 0.0)) for k in range(1, 4)),
+        )
+    ).states
     assert states['position'].tolist() == [0.5] * 3
 
 
@@ -131,9 +141,13 @@ def test_the_time_to_read_grows_with_the_bag_and_not_with_its_square(tmp_path, m
     count = 4000
     for different in (1, 20, count):
         layouts = [JointStateLayout('axis', f'run:{RUN}.0 /c#{at:04x}') for at in range(different)]
-        bag = recorded_elsewhere(tmp_path / f'bag{different}', sent(
-            (START, STATES, layouts[k % different].encode(1, k + 1, k, 0.0, 0.0))
-            for k in range(count)))
+        bag = recorded_elsewhere(
+            tmp_path / f'bag{different}',
+            sent(
+                (START, STATES, layouts[k % different].encode(1, k + 1, k, 0.0, 0.0))
+                for k in range(count)
+            ),
+        )
         looked_at.clear()
         assert read(bag).states['position'].tolist() == list(range(count))
         assert sum(looked_at) <= (series.KEPT + min(2 * different, series.WORTH)) * count

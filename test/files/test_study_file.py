@@ -60,27 +60,30 @@ def test_an_experiment_is_found_beside_the_study_or_among_ours(tmp_path):
         read(tmp_path, text.replace('coulomb', 'other'))
 
 
-@pytest.mark.parametrize(('old', 'new', 'said'), [
-    ('seed: 4', 'sed: 4', 'sed: a study has no such key; is seed meant?'),
-    ('seed: 4', 'seed: four', "seed = 'four': must be an integer"),
-    ('seed: 4', 'seed: -4', 'seed = -4: must be >= 0'),
-    ('runs: 20', 'runs: 2.5', 'runs = 2.5: must be an integer'),
-    ('duration: 0.5', 'duration: 0', 'duration = 0.0: must be > 0 [s]'),
-    ('duration: 0.5', 'duration: .inf', 'duration = inf'),
-    ('[1e-2]', '[1e-2, 1e-2]', ': must be a list of different numbers > 0 [m]'),
-    ('[1e-2]', '1e-2', 'tolerances = 0.01'),
-    ('[1e-2]', '[-1]', 'tolerances = [-1]'),
-    ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
-    ('uniform', 'unifrom', 'F_c: unifrom: there is no such law; is uniform meant?'),
-    ('[0, 1.5]', '[-1, 1.5]', 'F_c = -1.0: must be >= 0 [N]'),
-    ('{uniform: [0, 1.5]}', '3', 'F_c = 3: must be one law: '),
-    ('{uniform: [0, 1.5]}', '{uniform: [0, 1.5]', "expected ',' or '}'"),
-    ('\n  F_c: {uniform: [0, 1.5]}', ' 3', 'vary = 3: must be parameters with'),
-    ('vary:\n  F_c: {uniform: [0, 1.5]}', '', 'vary = None'),
-    ('coulomb.yaml', 'coulumb.yaml', ': must be a parameter file; there is no '),
-    (f'{CONFIG}/coulomb.yaml', '3', 'experiment = 3: must be a parameter file'),
-    ('experiment:', 'experiments:', 'is experiment meant?'),
-])
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('seed: 4', 'sed: 4', 'sed: a study has no such key; is seed meant?'),
+        ('seed: 4', 'seed: four', "seed = 'four': must be an integer"),
+        ('seed: 4', 'seed: -4', 'seed = -4: must be >= 0'),
+        ('runs: 20', 'runs: 2.5', 'runs = 2.5: must be an integer'),
+        ('duration: 0.5', 'duration: 0', 'duration = 0.0: must be > 0 [s]'),
+        ('duration: 0.5', 'duration: .inf', 'duration = inf'),
+        ('[1e-2]', '[1e-2, 1e-2]', ': must be a list of different numbers > 0 [m]'),
+        ('[1e-2]', '1e-2', 'tolerances = 0.01'),
+        ('[1e-2]', '[-1]', 'tolerances = [-1]'),
+        ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
+        ('uniform', 'unifrom', 'F_c: unifrom: there is no such law; is uniform meant?'),
+        ('[0, 1.5]', '[-1, 1.5]', 'F_c = -1.0: must be >= 0 [N]'),
+        ('{uniform: [0, 1.5]}', '3', 'F_c = 3: must be one law: '),
+        ('{uniform: [0, 1.5]}', '{uniform: [0, 1.5]', "expected ',' or '}'"),
+        ('\n  F_c: {uniform: [0, 1.5]}', ' 3', 'vary = 3: must be parameters with'),
+        ('vary:\n  F_c: {uniform: [0, 1.5]}', '', 'vary = None'),
+        ('coulomb.yaml', 'coulumb.yaml', ': must be a parameter file; there is no '),
+        (f'{CONFIG}/coulomb.yaml', '3', 'experiment = 3: must be a parameter file'),
+        ('experiment:', 'experiments:', 'is experiment meant?'),
+    ],
+)
 def test_a_wrong_study_is_refused_in_one_line(tmp_path, old, new, said):
     assert old in GOOD
     with pytest.raises(ParameterError) as refused:

@@ -15,8 +15,11 @@ UNITS = {'F_c': 'N', 'impulses': '', 'kind': ''}
 
 def columns(number):
     draw = np.random.default_rng(number)
-    return {'F_c': draw.random(100), 'impulses': draw.integers(0, 9, 100),
-            'kind': np.array(['noise', 'constant'] * 50)}
+    return {
+        'F_c': draw.random(100),
+        'impulses': draw.integers(0, 9, 100),
+        'kind': np.array(['noise', 'constant'] * 50),
+    }
 
 
 @pytest.fixture
@@ -40,8 +43,9 @@ def test_the_result_holds_the_chunks_in_order_with_units_and_study(folder, monke
     monkeypatch.setattr(sweep_folder, 'ROW_GROUP', 200)
     folder.conclude(3)
     for name in UNITS:
-        assert np.array_equal(folder.column(name),
-                              np.concatenate([columns(number)[name] for number in range(3)]))
+        assert np.array_equal(
+            folder.column(name), np.concatenate([columns(number)[name] for number in range(3)])
+        )
     schema = pq.read_schema(folder.result)
     assert schema.field('F_c').metadata == {b'unit': b'N'}
     assert json.loads(schema.metadata[b'impulse_control_ros']) == {'seed': 1}
@@ -69,12 +73,19 @@ def test_the_order_in_which_chunks_come_leaves_every_byte(folder, tmp_path):
 
 def flipped(content):
     middle = len(content) // 4
-    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1:]
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
 
 
-@pytest.mark.parametrize('damage', [
-    lambda content: content[:-1], lambda content: content[:50], lambda content: b'', flipped,
-    lambda content: b'\0' * len(content)])
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda content: content[:-1],
+        lambda content: content[:50],
+        lambda content: b'',
+        flipped,
+        lambda content: b'\0' * len(content),
+    ],
+)
 def test_a_damaged_part_is_not_finished(folder, damage):
     assert folder.finished() == {0, 1, 2}
     path = part(folder, 1)
@@ -109,8 +120,11 @@ def test_a_file_where_the_folder_should_be_is_refused(tmp_path):
 
 
 def test_one_sweep_at_a_time_works_in_a_folder(folder):
-    with folder.held(), pytest.raises(SweepError, match='another sweep is working in '), \
-            other(folder).held():
+    with (
+        folder.held(),
+        pytest.raises(SweepError, match='another sweep is working in '),
+        other(folder).held(),
+    ):
         pass
     with folder.held():
         pass

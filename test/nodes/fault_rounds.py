@@ -55,8 +55,9 @@ def kill_round(graph, client, victim, rng):
     run = Run(graph, client, begun=0, plant_simulator=PLANT)
     # a recorder is to join before the run is over
     begun = reach_any(run, rng, left=1500 if victim == 'recorder' else 50)
-    {'plant_simulator': run.plant, 'controller': run.controller,
-     'recorder': run.recorder}[victim].kill()
+    {'plant_simulator': run.plant, 'controller': run.controller, 'recorder': run.recorder}[
+        victim
+    ].kill()
     first = run.bag
     if victim == 'recorder':
         run.bag = graph.folder / 'second'
@@ -99,8 +100,11 @@ def stop_round(graph, client, victim, rng):
     """Stop ``victim`` at a random sample for some seconds: not a bit differs."""
     run = Run(graph, client, begun=0, plant_simulator=PLANT)
     reach_any(run, rng)
-    process = {'plant_simulator': run.plant, 'controller': run.controller,
-               'recorder': run.recorder}[victim]
+    process = {
+        'plant_simulator': run.plant,
+        'controller': run.controller,
+        'recorder': run.recorder,
+    }[victim]
     process.send(signal.SIGSTOP)
     until = time.monotonic() + rng.uniform(0.5, 4.0)
     client.spin_until(lambda: time.monotonic() > until, 'some seconds')
@@ -132,15 +136,22 @@ def main():
     options = parser.parse_args()
     for kind, rounds in ((kill_round, options.kills), (stop_round, options.stops)):
         for victim in NODES if rounds else ():
-            missing = [one(kind, victim, random.Random(f'{options.seed} {number}'))
-                       for number in range(rounds)]
-            print(f'SUMMARY {kind.__name__} {victim}: {rounds} rounds, missing in '
-                  f'{sum(map(bool, missing))} of them, {sum(missing)} in all', flush=True)
+            missing = [
+                one(kind, victim, random.Random(f'{options.seed} {number}'))
+                for number in range(rounds)
+            ]
+            print(
+                f'SUMMARY {kind.__name__} {victim}: {rounds} rounds, missing in '
+                f'{sum(map(bool, missing))} of them, {sum(missing)} in all',
+                flush=True,
+            )
     if options.minutes:
         began = time.monotonic()
         _, done = one(long_run, options.minutes, random.Random(options.seed))
-        print(f'SUMMARY {options.minutes} simulated minutes in '
-              f'{time.monotonic() - began:.0f} s: {sum(done.values())} faults, 0 lost')
+        print(
+            f'SUMMARY {options.minutes} simulated minutes in '
+            f'{time.monotonic() - began:.0f} s: {sum(done.values())} faults, 0 lost'
+        )
     return 0
 
 

@@ -38,10 +38,19 @@ class Faults:
     def __init__(self, graph, client, rng):
         self._graph, self._client, self._rng = graph, client, rng
         self._count = 0
-        self._publishers = [client.node.create_publisher(JointState, topic, 1000) for topic in (
-            '/joint_commands', '/joint_states', '/impulse_events')]
-        self.kinds = [self.stopped, self.strange_messages, self.second_controller,
-                      self.second_plant, self.killed_recorder, self.killed_subscriber, self.reset]
+        self._publishers = [
+            client.node.create_publisher(JointState, topic, 1000)
+            for topic in ('/joint_commands', '/joint_states', '/impulse_events')
+        ]
+        self.kinds = [
+            self.stopped,
+            self.strange_messages,
+            self.second_controller,
+            self.second_plant,
+            self.killed_recorder,
+            self.killed_subscriber,
+            self.reset,
+        ]
 
     def _is_up(self, name):
         self._client.spin_until(lambda: name in self._client.nodes(), name)
@@ -55,8 +64,12 @@ class Faults:
         for publisher in self._publishers:
             for k in range(100):
                 for sec in (0, 1, 2**31 - 1):
-                    message = JointState(name=['axis'], position=[1.0], velocity=[0.0],
-                                         effort=[(math.nan, math.inf, 1e3)[k % 3]])
+                    message = JointState(
+                        name=['axis'],
+                        position=[1.0],
+                        velocity=[0.0],
+                        effort=[(math.nan, math.inf, 1e3)[k % 3]],
+                    )
                     message.header.stamp = Time(sec=sec, nanosec=k)
                     publisher.publish(message)
                 raw = self._rng.randbytes(self._rng.randrange(4, 200))
@@ -97,9 +110,14 @@ def long_run(graph, client, minutes, rng, seconds=60.0):
     Returns the bag and how often each fault was.
     """
     clock = client.listen('/clock', Clock)
-    process = composed(graph, **{
-        'plant_simulator:real_time_factor': 0.0, 'plant_simulator:clock_rate': 10.0,
-        'plant_simulator:recorder_timeout': 1.0})
+    process = composed(
+        graph,
+        **{
+            'plant_simulator:real_time_factor': 0.0,
+            'plant_simulator:clock_rate': 10.0,
+            'plant_simulator:recorder_timeout': 1.0,
+        },
+    )
 
     def now():
         return clock[-1].clock.sec + 1e-9 * clock[-1].clock.nanosec
@@ -107,10 +125,13 @@ def long_run(graph, client, minutes, rng, seconds=60.0):
     def reach(at):
         while process.running and now() < at:
             before = now()
-            client.spin_until(lambda before=before: not process.running or now() > before,
-                              f'what follows {before} s')
+            client.spin_until(
+                lambda before=before: not process.running or now() > before,
+                f'what follows {before} s',
+            )
         assert process.running, process.output
         del clock[:-1]
+
     client.spin_until(lambda: clock, 'the run')
     faults, done = Faults(graph, client, rng), Counter()
     for minute in range(minutes):
@@ -144,7 +165,7 @@ def assert_no_sample_is_lost(bag, seconds):
     assert len(states) > round(seconds / 1e-4)
     grid = START + np.arange(len(states)) * STEP
     assert np.array_equal(states, grid)
-    assert np.array_equal(commands, grid[:len(commands)])
+    assert np.array_equal(commands, grid[: len(commands)])
     assert len(states) - len(commands) in (0, 1)
     assert receipt['missing'] == '0', receipt
     print(f'{len(states)} states, each with its command: {receipt}')

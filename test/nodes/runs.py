@@ -46,8 +46,10 @@ class Run:
     def __init__(self, graph, client, begun=20, **options):
         self.graph, self.client = graph, client
         self.bag = graph.folder / 'bag'
-        self._options = {'plant_simulator': {**PACED, 'wait_for_recorder': True},
-                         'recorder': {'bag': self.bag}}
+        self._options = {
+            'plant_simulator': {**PACED, 'wait_for_recorder': True},
+            'recorder': {'bag': self.bag},
+        }
         for node, parameters in options.items():
             self._options[node] = self._options.get(node, {}) | parameters
         self.states = client.listen('/joint_states', JointState)
@@ -78,8 +80,10 @@ class Run:
 
     def answered_by(self, name, but=''):
         """Serve the client until a controller of that name is active, ``but`` one."""
-        self.client.spin_until(lambda: self.active != but and name_of(self.active) == name,
-                               f'{name} as the active controller')
+        self.client.spin_until(
+            lambda: self.active != but and name_of(self.active) == name,
+            f'{name} as the active controller',
+        )
 
     def is_repeated(self):
         """Serve the client until the plant publishes a state again."""
@@ -88,6 +92,7 @@ class Run:
         def again():
             new = [stamp_of(one) for one in self.states[before:]]
             return len(set(new)) < len(new)
+
         self.client.spin_until(again, 'a state that comes again')
 
     def finish(self):
@@ -101,14 +106,21 @@ class Run:
 def composed(graph, config=UNDERDAMPED, arguments=(), **parameters):
     """Start closed_loop, paced and without an end if ``parameters`` say no other."""
     given = {f'plant_simulator:{name}': value for name, value in PACED.items()}
-    return graph.start('closed_loop', *arguments, config=config, **{
-        **given, 'recorder:bag': graph.folder / 'bag', **parameters})
+    return graph.start(
+        'closed_loop',
+        *arguments,
+        config=config,
+        **{**given, 'recorder:bag': graph.folder / 'bag', **parameters},
+    )
 
 
 def three_processes(graph, order, config, bag, **plant):
     """Run an experiment up to its end by three processes that start in this order."""
-    options = {'plant_simulator': {'wait_for_recorder': True, **plant},
-               'controller': {}, 'recorder': {'bag': bag}}
+    options = {
+        'plant_simulator': {'wait_for_recorder': True, **plant},
+        'controller': {},
+        'recorder': {'bag': bag},
+    }
     started = {name: graph.start(name, config=config, **options[name]) for name in order}
     assert started['plant_simulator'].wait() == 0, started['plant_simulator'].output
     for name in ('recorder', 'controller'):
@@ -127,15 +139,16 @@ def assert_whole(run, start=START):
     assert len(stamps) > 1
     assert np.array_equal(run.states['stamp'], stamps)
     # the last state of a run that is ended may be left without an answer
-    assert np.array_equal(run.commands['stamp'], stamps[:len(run.commands)])
+    assert np.array_equal(run.commands['stamp'], stamps[: len(run.commands)])
     assert len(stamps) - len(run.commands) in (0, 1)
     assert run.receipt['missing'] == '0'
 
 
 def assert_simulated(run, config=UNDERDAMPED, **plant):
     """Assert that a run is that of simulate(), to the last bit, as far as it goes."""
-    made = read_experiment(config, besides=[
-        ('/plant_simulator', 'plant_simulator', plant)] if plant else ())
+    made = read_experiment(
+        config, besides=[('/plant_simulator', 'plant_simulator', plant)] if plant else ()
+    )
     count = len(run.states)
     alone = simulate(made.plant_simulator, made.controller, (count - 1) * STEP / SECOND)
     answered = len(run.commands)
@@ -145,11 +158,12 @@ def assert_simulated(run, config=UNDERDAMPED, **plant):
     assert np.array_equal(run.impulses['stamp'], run.states['stamp'][events['tick']])
     assert np.array_equal(run.impulses['guard'], events['guard'])
     for recorded, simulated in (
-            (run.states['position'], alone.measured_position),
-            (run.states['velocity'], alone.measured_velocity),
-            (run.states['effort'][1:], alone.applied),
-            (run.commands['effort'], alone.effort[:answered]),
-            (run.impulses['area'], events['area'])):
+        (run.states['position'], alone.measured_position),
+        (run.states['velocity'], alone.measured_velocity),
+        (run.states['effort'][1:], alone.applied),
+        (run.commands['effort'], alone.effort[:answered]),
+        (run.impulses['area'], events['area']),
+    ):
         assert recorded.tobytes() == simulated.tobytes()
 
 

@@ -50,25 +50,34 @@ def test_a_composed_run_takes_nothing_from_the_graph_and_is_recorded_from_outsid
     assert found.run == inside.run
     assert stamp_of(states[begun]) in found.states['stamp']
     ours = [one for one in messages(graph.folder / 'bag') if one[0] != '/run_parameters']
-    theirs = [one for one in messages(graph.folder / 'outside') if one[0] != '/run_parameters'
-              and b'/controller' in one[3]]
+    theirs = [
+        one
+        for one in messages(graph.folder / 'outside')
+        if one[0] != '/run_parameters' and b'/controller' in one[3]
+    ]
     at = ours.index(theirs[0])
-    assert theirs == ours[at:at + len(theirs)]
+    assert theirs == ours[at : at + len(theirs)]
     assert len(theirs) > 200
     run = parse_state(states[0].header.frame_id).run
     assert {parse_node(one.frame_id).run for one in progress} == {run}
-    reached = [one.stamp.sec * 10**9 + one.stamp.nanosec for one in progress
-               if parse_node(one.frame_id).node != parse_node(progress[-1].frame_id).node]
+    reached = [
+        one.stamp.sec * 10**9 + one.stamp.nanosec
+        for one in progress
+        if parse_node(one.frame_id).node != parse_node(progress[-1].frame_id).node
+    ]
     assert (np.diff(reached) >= 0).all()
 
 
 def test_a_composed_run_goes_on_when_peers_outside_are_killed(graph, client):
     """How fast, test_recovery.py measures."""
-    process = composed(graph, **{'plant_simulator:recorder_timeout': 1.0,
-                                 'plant_simulator:real_time_factor': 0.2})
+    process = composed(
+        graph, **{'plant_simulator:recorder_timeout': 1.0, 'plant_simulator:real_time_factor': 0.2}
+    )
     states = client.listen('/joint_states', JointState)
-    peers = [graph.start('recorder', config=UNDERDAMPED, bag=graph.folder / 'outside'),
-             start_as(graph, 'other', 'controller')]
+    peers = [
+        graph.start('recorder', config=UNDERDAMPED, bag=graph.folder / 'outside'),
+        start_as(graph, 'other', 'controller'),
+    ]
     client.reported('plant_simulator', recorders=2)
     for peer in peers:
         peer.kill()
@@ -109,18 +118,22 @@ def test_parameters_that_miss_the_nodes_are_named(graph):
 
 
 def test_real_time_factor_holds_simulated_time_to_the_wall_clock(graph):
-    process = composed(graph, **{'plant_simulator:duration': 0.2,
-                                 'plant_simulator:real_time_factor': 0.5})
+    process = composed(
+        graph, **{'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.5}
+    )
     assert process.wait() == 0, process.output
     assert float(read(graph.folder / 'bag').receipt['wall_seconds']) > 0.36
 
 
 def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):
     process = graph.start(
-        'python', '-c', 'import sys; sys.modules["rclpy.experimental"] = None\n'
+        'python',
+        '-c',
+        'import sys; sys.modules["rclpy.experimental"] = None\n'
         'from impulse_control_ros.nodes.entry import closed_loop; sys.exit(closed_loop())',
-        config=UNDERDAMPED, **{'plant_simulator:duration': 0.1,
-                               'recorder:bag': graph.folder / 'bag'})
+        config=UNDERDAMPED,
+        **{'plant_simulator:duration': 0.1, 'recorder:bag': graph.folder / 'bag'},
+    )
     assert process.wait() == 0, process.output
     assert 'EventsExecutor' in process.output
     assert len(read(graph.folder / 'bag').states) == 1001

@@ -23,14 +23,21 @@ from test.nodes.runs import (
 )
 
 
-@pytest.mark.parametrize('number', [0, *(
-    pytest.param(number, marks=pytest.mark.soak) for number in range(1, 50))])
+@pytest.mark.parametrize(
+    'number', [0, *(pytest.param(number, marks=pytest.mark.soak) for number in range(1, 50))]
+)
 def test_of_two_controllers_that_start_at_once_one_acts_and_the_other_is_silent(
-        graph, client, number):
+    graph, client, number
+):
     commands = client.listen('/joint_commands', JointState)
     controllers = [start_as(graph, name, 'controller') for name in ('one', 'two')]
-    plant = graph.start('plant_simulator', config=UNDERDAMPED, wait_for_recorder=True,
-                        duration=0.05, command_timeout=60.0)
+    plant = graph.start(
+        'plant_simulator',
+        config=UNDERDAMPED,
+        wait_for_recorder=True,
+        duration=0.05,
+        command_timeout=60.0,
+    )
     client.spin_until(lambda: client.node.count_publishers('/joint_commands') == 2, 'both')
     bag = graph.folder / 'bag'
     recorder = graph.start('recorder', config=UNDERDAMPED, bag=bag)
@@ -45,7 +52,7 @@ def test_of_two_controllers_that_start_at_once_one_acts_and_the_other_is_silent(
     assert_whole(run)
     assert_replays(bag)
     # a second one may have answered the first state, which names nobody, and none after that
-    author, = {change.node_id for change in run.controllers}
+    (author,) = {change.node_id for change in run.controllers}
     heard = defaultdict(set)
     for command in commands:
         heard[stamp_of(command) == START].add(parse_command(command.header.frame_id).author)
@@ -71,8 +78,9 @@ def test_a_controller_that_stands_by_sends_nothing_however_the_run_is_disturbed(
 def test_a_controller_for_another_plant_ends_and_the_run_waits_for_the_right_one(graph):
     plant = graph.start('plant_simulator', duration=0.01)
     wrong = {'time_step': 0.001, 'joint_name': 'elbow'}
-    for name, process in {name: graph.start('controller', **{name: value})
-                          for name, value in wrong.items()}.items():
+    for name, process in {
+        name: graph.start('controller', **{name: value}) for name, value in wrong.items()
+    }.items():
         assert process.wait() == 2
         assert name in process.output.splitlines()[-1]
     assert plant.running
@@ -111,6 +119,7 @@ def test_a_foreign_controller_in_lockstep_drives_the_plant_and_ours_stands_by(gr
     def ignored():  # as ros2_control sends it while no controller is active
         foreign.send(states[-1].header.stamp, [math.nan])
         return client.count_of('plant_simulator', 'rejected') > 2
+
     client.spin_until(ignored, 'commands that are rejected')
     assert len({stamp_of(state) for state in states}) == 1
     assert plant.output.count('nan') == 1
@@ -124,8 +133,10 @@ def test_a_foreign_controller_in_lockstep_drives_the_plant_and_ours_stands_by(gr
     assert {parse_state(one.header.frame_id).controller for one in driven[1:]} == {FOREIGN}
     assert [after.effort[0] for after in driven[1:]] == [-one.position[0] for one in driven[:-1]]
     foreign.answers = False
-    client.spin_until(lambda: parse_state(states[-1].header.frame_id).controller.startswith(
-        '/controller#'), 'ours')
+    client.spin_until(
+        lambda: parse_state(states[-1].header.frame_id).controller.startswith('/controller#'),
+        'ours',
+    )
     assert plant.interrupt() == ours.interrupt() == 0
     assert plant.totals['accepted'] - plant.totals['steps'] in (0, 1)
 
@@ -133,8 +144,13 @@ def test_a_foreign_controller_in_lockstep_drives_the_plant_and_ours_stands_by(gr
 def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     states = client.listen('/joint_states', JointState)
     bag = graph.folder / 'bag'
-    plant = graph.start('plant_simulator', config=UNDERDAMPED, wait_for_recorder=True,
-                        duration=0.5, real_time_factor=0.1)
+    plant = graph.start(
+        'plant_simulator',
+        config=UNDERDAMPED,
+        wait_for_recorder=True,
+        duration=0.5,
+        real_time_factor=0.1,
+    )
     controller = graph.start('controller', config=UNDERDAMPED, managed=True)
     recorder = graph.start('recorder', config=UNDERDAMPED, bag=bag)
     client.spin_until(lambda: len(states) > 3, 'a state that comes again')
@@ -144,13 +160,18 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     client.spin_until(lambda: stamp_of(states[-1]) > START, 'steps')
     assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
-    client.spin_until(lambda: Counter(map(stamp_of, states))[stamp_of(states[-1])] > 5,
-                      'a state that nobody answers')
+    client.spin_until(
+        lambda: Counter(map(stamp_of, states))[stamp_of(states[-1])] > 5,
+        'a state that nobody answers',
+    )
     assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     assert client.set('plant_simulator', real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
-    client.tell('/controller/change_state', ChangeState,
-                transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN))
+    client.tell(
+        '/controller/change_state',
+        ChangeState,
+        transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN),
+    )
     client.spin_until(lambda: not controller.running, 'the end of the controller')
     assert controller.wait() == 0, controller.output
     assert recorder.interrupt() == 0

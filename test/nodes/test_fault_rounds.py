@@ -17,7 +17,8 @@ pytestmark = pytest.mark.soak
 @pytest.mark.parametrize('kind', [kill_round, stop_round])
 @pytest.mark.parametrize('number', range(3))
 def test_a_node_that_is_killed_or_stopped_at_a_random_sample_costs_nothing(
-        graph, client, kind, victim, number):
+    graph, client, kind, victim, number
+):
     kind(graph, client, victim, random.Random(f'{victim} {number}'))
 
 

@@ -30,8 +30,10 @@ def assert_no_state_is_lost(run):
     """Assert what holds after a kill: the bag may lack what the victim had just sent."""
     assert (np.diff(run.states['stamp']) == STEP).all()
     answered = len(np.unique(run.commands['stamp']))
-    assert int(run.receipt['missing']) in (len(run.states) - answered,
-                                           len(run.states) - 1 - answered)
+    assert int(run.receipt['missing']) in (
+        len(run.states) - answered,
+        len(run.states) - 1 - answered,
+    )
 
 
 def test_a_controller_that_is_killed_and_started_again_goes_on_with_the_run(graph, client):
@@ -71,8 +73,10 @@ def test_a_plant_that_is_killed_and_started_again_is_another_run_in_another_bag(
     first = parse_state(run.states[-1].header.frame_id).run
     run.plant.kill()
     run.plant = run.start('plant_simulator')
-    client.spin_until(lambda: run.active and parse_state(
-        run.states[-1].header.frame_id).run != first, 'another run')
+    client.spin_until(
+        lambda: run.active and parse_state(run.states[-1].header.frame_id).run != first,
+        'another run',
+    )
     run.reach(50)
     recordings = [run.finish(), read(run.bag.with_name('bag-2'))]
     for recording in recordings:
@@ -93,8 +97,7 @@ def whole_messages(bag):
     return found
 
 
-def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_nothing(
-        graph, client):
+def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_nothing(graph, client):
     run = Run(graph, client, plant_simulator={'recorder_timeout': 1.0, 'real_time_factor': 0.5})
     run.reach(4000)  # at least one chunk, although the recorder may be WINDOW behind
     run.recorder.kill()
@@ -151,15 +154,27 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(g
 
 
 def test_an_endpoint_that_gets_nothing_for_its_quality_of_service_is_reported(graph, client):
-    started = [graph.start(node, config=UNDERDAMPED, **(
-        {'bag': graph.folder / 'bag'} if node == 'recorder' else {})) for node in NODES]
+    started = [
+        graph.start(
+            node,
+            config=UNDERDAMPED,
+            **({'bag': graph.folder / 'bag'} if node == 'recorder' else {}),
+        )
+        for node in NODES
+    ]
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     for topic in ('/joint_states', '/joint_commands'):
         client.node.create_subscription(JointState, topic, print, latched)
     client.node.create_publisher(ParameterEvent, '/run_parameters', 10)
-    for process, topic in zip(started, (
-            "'joint_states', requesting", "'joint_commands', requesting",
-            "'run_parameters', offering"), strict=True):
+    for process, topic in zip(
+        started,
+        (
+            "'joint_states', requesting",
+            "'joint_commands', requesting",
+            "'run_parameters', offering",
+        ),
+        strict=True,
+    ):
         process.says(f'{topic} incompatible QoS')
         assert 'DURABILITY' in process.output
         assert process.interrupt() == 0

@@ -54,6 +54,7 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
         def held():  # who reads best effort may not have discovered us
             command(effort, stamp_ns)
             return states[-1].effort[0] == effort
+
         client.spin_until(held, f'{effort} N')
 
     now = time.time_ns()
@@ -63,14 +64,18 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
     def ignored():
         command(5.0, now + 6)  # older than the newest
         return client.count_of('plant_simulator', 'stale')
+
     client.spin_until(ignored, 'a command that is too old')
     acts(6.0, now + 10**12 + 1)
     assert 5.0 not in [state.effort[0] for state in states]
     assert client.count_of('plant_simulator', 'accepted') >= 4
     assert controller_of(states[-1]) == FOREIGN
     assert recorder.interrupt() == 0, recorder.output
-    recorded = [deserialize_message(raw, JointState) for topic, *_, raw in messages(
-        graph.folder / 'bag') if topic == '/joint_commands']
+    recorded = [
+        deserialize_message(raw, JointState)
+        for topic, *_, raw in messages(graph.folder / 'bag')
+        if topic == '/joint_commands'
+    ]
     assert {one.effort[0] for one in recorded} == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
     assert read(graph.folder / 'bag').receipt['missing'] == '0'
     plant.kill()
@@ -84,15 +89,17 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
 
 
 def test_a_free_plant_holds_the_effort_of_a_killed_controller_and_another_takes_over(
-        graph, client):
+    graph, client
+):
     plant = graph.start('plant_simulator', **FREE)
     states = client.listen('/joint_states', JointState)
     commands = client.listen('/joint_commands', JointState)
-    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}', **COARSE,
-                               x_r=x_r) for name, x_r in (('one', 0.2), ('two', -0.2))]
+    controllers = [
+        graph.start('controller', '--ros-args', '-r', f'__node:={name}', **COARSE, x_r=x_r)
+        for name, x_r in (('one', 0.2), ('two', -0.2))
+    ]
     client.spin_until(lambda: states and controller_of(states[-1]), 'a controller')
-    first, second = sorted(('/one', '/two'),
-                           key=lambda name: name != controller_of(states[-1]))
+    first, second = sorted(('/one', '/two'), key=lambda name: name != controller_of(states[-1]))
     client.spin_until(lambda: client.count_of(second[1:], 'standby'), 'who stands by')
     begun = len(commands)
     client.spin_until(lambda: len(commands) > begun + 50, 'commands')
@@ -101,12 +108,13 @@ def test_a_free_plant_holds_the_effort_of_a_killed_controller_and_another_takes_
     client.reported(first[1:], steps_per_second='0.0')
     assert client.call('/plant_simulator/pause', SetBool, data=False).success
     assert {name_of(parse_command(one.header.frame_id).author) for one in commands[begun:]} == {
-        first}
+        first
+    }
     assert '0 N' not in controllers[first == '/one'].output
     controllers[first == '/two'].kill()
     client.spin_until(lambda: controller_of(states[-1]) == second, 'the one that takes over')
     left = max(at for at, state in enumerate(states) if controller_of(state) == first)
-    assert len({state.effort[0] for state in states[left - 50:left]}) == 1  # held meanwhile
+    assert len({state.effort[0] for state in states[left - 50 : left]}) == 1  # held meanwhile
     begun = len(states)
     client.spin_until(lambda: len({*efforts(states[begun:])}) > 1, 'new efforts')
     assert controllers[first == '/one'].interrupt() == plant.interrupt() == 0
@@ -119,7 +127,8 @@ def test_a_free_plant_without_a_controller_says_which_effort_it_holds(graph):
 
 
 def test_a_controller_that_is_deactivated_or_ends_leaves_a_free_plant_without_effort(
-        graph, client):
+    graph, client
+):
     plant = graph.start('plant_simulator', **FREE)
     controller = graph.start('controller', **COARSE, managed=True)
     states = client.listen('/joint_states', JointState)
@@ -151,6 +160,7 @@ def test_a_free_plant_whose_states_no_longer_reach_the_controller_gets_zero(grap
         moving = any(efforts(states))
         states.clear()
         return moving
+
     client.spin_until(relayed, 'efforts')
     wait_for_zero(client, states)
     for process in (plant, controller):
@@ -159,7 +169,8 @@ def test_a_free_plant_whose_states_no_longer_reach_the_controller_gets_zero(grap
 
 @pytest.mark.parametrize('free', [False, True])
 def test_a_free_plant_that_is_paused_gets_zero_and_a_plant_in_lockstep_does_not(
-        graph, client, free):
+    graph, client, free
+):
     states = client.listen('/joint_states', JointState)
     commands = client.listen('/joint_commands', JointState)
     plant = graph.start('plant_simulator', **FREE | {'lockstep': not free})

@@ -14,21 +14,40 @@ from test.processes import CONFIG
 
 HARDWARE = {
     'stribeck': {'F_s': 1.2, 'v_s': 0.02},
-    'sensor': {'resolution': 1e-4, 'position_noise': 1e-5, 'velocity': 'ideal',
-               'velocity_noise': 1e-2, 'seed': 5},
+    'sensor': {
+        'resolution': 1e-4,
+        'position_noise': 1e-5,
+        'velocity': 'ideal',
+        'velocity_noise': 1e-2,
+        'seed': 5,
+    },
     'actuator': {'limit': 900.0, 'time_constant': 3e-4, 'delay': 4},
     'payload': {'mass': 0.02, 'time': 0.05},
-    'disturbance': {'kind': 'noise', 'force': 0.3, 'start': 0.01, 'end': 0.2, 'bandwidth': 20.0,
-                    'seed': 2}}
-OPTIONS = {'position_deadband': 2e-4, 'velocity_deadband': 0.12, 'lead': 0.5,
-           'position_hysteresis': 1.5e-4, 'velocity_hysteresis': 0.02,
-           'stick_samples': 6, 'K_i': 3.0}
+    'disturbance': {
+        'kind': 'noise',
+        'force': 0.3,
+        'start': 0.01,
+        'end': 0.2,
+        'bandwidth': 20.0,
+        'seed': 2,
+    },
+}
+OPTIONS = {
+    'position_deadband': 2e-4,
+    'velocity_deadband': 0.12,
+    'lead': 0.5,
+    'position_hysteresis': 1.5e-4,
+    'velocity_hysteresis': 0.02,
+    'stick_samples': 6,
+    'K_i': 3.0,
+}
 FAST = {'plant_simulator:real_time_factor': 0.0}
 
 
 @pytest.fixture
 def experiment(graph):
     """Return a function that writes an experiment with other parameters of the plant."""
+
     def written(**plant):
         content = yaml.safe_load((CONFIG / 'encoder.yaml').read_text())
         for node, values in (('plant_simulator', plant), ('controller', OPTIONS)):
@@ -36,12 +55,14 @@ def experiment(graph):
         path = graph.folder / 'experiment.yaml'
         path.write_text(yaml.safe_dump(content))
         return path
+
     return written
 
 
 @pytest.mark.parametrize('velocity', ['ideal', 'difference', 'none'])
 def test_with_all_hardware_the_composed_process_is_the_simulation_to_the_last_bit(
-        graph, experiment, velocity):
+    graph, experiment, velocity
+):
     sensor = HARDWARE['sensor'] | {'velocity': velocity}
     config, bag = experiment(**HARDWARE | {'sensor': sensor}), graph.folder / 'bag'
     process = composed(graph, config, **FAST, **{'plant_simulator:duration': 0.3})
@@ -77,12 +98,17 @@ def test_hardware_can_be_changed_in_mid_run_and_replayed_to_the_bit(graph, clien
     process = composed(graph, experiment())
     states = client.listen('/joint_states', JointState)
     client.spin_until(lambda: states, 'a state')
-    for change in ({'actuator.delay': 3}, {'sensor.velocity': 'difference'},
-                   {'sensor.velocity': 'none'}, {'payload.mass': 0.01},
-                   {'sensor.resolution': 1e-3, 'disturbance.force': 0.5}):
+    for change in (
+        {'actuator.delay': 3},
+        {'sensor.velocity': 'difference'},
+        {'sensor.velocity': 'none'},
+        {'payload.mass': 0.01},
+        {'sensor.resolution': 1e-3, 'disturbance.force': 0.5},
+    ):
         assert client.set('plant_simulator', **change).successful
-    assert client.set('controller', lead=0.5, stick_samples=9,
-                      velocity_source='estimated').successful
+    assert client.set(
+        'controller', lead=0.5, stick_samples=9, velocity_source='estimated'
+    ).successful
     refused = client.set('plant_simulator', **{'payload.mass': -1.0})
     assert not refused.successful
     assert 'payload.mass = -1.0' in refused.reason

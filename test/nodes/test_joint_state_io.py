@@ -46,8 +46,11 @@ ROWS = {
     'usual': (of({'position': [1.0], 'velocity': [2.0], 'effort': [3.0]}), (1.0, 2.0)),
     'no velocity': (of({'position': [1.0]}), (1.0, math.nan)),
     'velocity nan': (of({'position': [1.0], 'velocity': [math.nan]}), (1.0, math.nan)),
-    'of two joints': (of({'position': [9.0, 1.0], 'velocity': [9.0, 2.0]},
-                         joints=('elbow', 'axis')), (1.0, 2.0))}
+    'of two joints': (
+        of({'position': [9.0, 1.0], 'velocity': [9.0, 2.0]}, joints=('elbow', 'axis')),
+        (1.0, 2.0),
+    ),
+}
 
 
 @pytest.mark.parametrize('kind', ROWS)
@@ -67,10 +70,15 @@ def test_a_reader_tells_messages_of_one_frame_id_apart_by_their_layout():
         assert np.array_equal(reader.read(raw)[1][2:], values, equal_nan=True)
 
 
-@pytest.mark.parametrize(('raw', 'why'), [
-    (b'', 'cannot be decoded'), (of({'velocity': [1.0]}), "no position of joint 'axis'"),
-    (of({'position': [1.0]}, joints=('elbow',)), "no joint 'axis'")],
-    ids=['bytes', 'position', 'joint'])  # rclpy's padding is never the same
+@pytest.mark.parametrize(
+    ('raw', 'why'),
+    [
+        (b'', 'cannot be decoded'),
+        (of({'velocity': [1.0]}), "no position of joint 'axis'"),
+        (of({'position': [1.0]}, joints=('elbow',)), "no joint 'axis'"),
+    ],
+    ids=['bytes', 'position', 'joint'],
+)  # rclpy's padding is never the same
 def test_a_reader_says_what_a_message_lacks(raw, why):
     reader = JointStateReader('axis', parse_state, ('position',), ('velocity',))
     with pytest.raises(UnreadableError, match=why):

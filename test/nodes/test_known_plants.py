@@ -12,9 +12,10 @@ def test_the_plant_in_use_is_kept_however_many_others_are_heard():
     plants, values = KnownPlants(get_logger('test')), PlantParameters().flat()
     runs = [f'{k:08x}' for k in range(3 * MOST)]
     for run in runs:
-        plants.on_event(encode_parameter_event(
-            1, 0, NodeHeader(run, '/plant_simulator').frame_id, values, {}))
+        plants.on_event(
+            encode_parameter_event(1, 0, NodeHeader(run, '/plant_simulator').frame_id, values, {})
+        )
         if run == runs[0]:
             plants.adopt(run, ControllerParameters())
-    assert [run for run in runs if run in plants] == [runs[0], *runs[-MOST + 1:]]
+    assert [run for run in runs if run in plants] == [runs[0], *runs[-MOST + 1 :]]
     assert not plants.run_freely(runs[0])

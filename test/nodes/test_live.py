@@ -61,22 +61,31 @@ def test_gains_and_set_point_act_at_the_next_sample_and_are_told(graph, client, 
     run = finish(client, process, states)
     assert_replays(graph.folder / 'bag')
     plant, controller, gains, mass = sorted(
-        told, key=lambda one: (one.stamp.sec, one.stamp.nanosec, len(one.changed_parameters),
-                               '#' in one.node))
+        told,
+        key=lambda one: (
+            one.stamp.sec,
+            one.stamp.nanosec,
+            len(one.changed_parameters),
+            '#' in one.node,
+        ),
+    )
     for event, kind in ((plant, 'plant_simulator'), (controller, 'controller')):
         assert not event.changed_parameters
         assert event.node.split()[0] == f'run:{run.run}'
         names = [name for name, *_ in declared(NODES[kind])]
         assert [one.name for one in event.new_parameters] == names
         assert event.stamp.sec * SECOND + event.stamp.nanosec == START
-    values = [{one.name: parameter_value_to_python(one.value) for one in event.changed_parameters}
-              for event in (gains, mass)]
+    values = [
+        {one.name: parameter_value_to_python(one.value) for one in event.changed_parameters}
+        for event in (gains, mass)
+    ]
     assert values == [{'K': 12.0, 'D': 0.25, 'x_r': 0.1}, {'m': 0.2}]
     assert {'K': 12.0, 'd_bar': 1.5}.items() <= {
-        one.name: parameter_value_to_python(one.value) for one in gains.new_parameters}.items()
+        one.name: parameter_value_to_python(one.value) for one in gains.new_parameters
+    }.items()
     # the controller answers the state of that stamp with them; impulses are apart from PD
     at = gains.stamp.sec * SECOND + gains.stamp.nanosec
-    rows = run.states[:len(run.commands)]
+    rows = run.states[: len(run.commands)]
     quiet = ~np.isin(rows['stamp'], run.impulses['stamp'])
     late, efforts = rows['stamp'] >= at, run.commands['effort']
     for of, K, D, x_r in ((quiet & ~late, 10.0, 0.5, 0.0), (quiet & late, 12.0, 0.25, 0.1)):
@@ -86,21 +95,33 @@ def test_gains_and_set_point_act_at_the_next_sample_and_are_told(graph, client, 
 
 def test_a_run_of_three_processes_that_is_tuned_replays_to_the_bit(graph, client):
     run = Run(graph, client)
-    for node, values in (('controller', {'K': 20.0}), ('plant_simulator', {'F_c': 0.5}),
-                         ('controller', {'x_r': 0.1}), ('plant_simulator', {
-                             'damping.kind': 'sinusoidal', 'm': 0.2})):
+    for node, values in (
+        ('controller', {'K': 20.0}),
+        ('plant_simulator', {'F_c': 0.5}),
+        ('controller', {'x_r': 0.1}),
+        ('plant_simulator', {'damping.kind': 'sinusoidal', 'm': 0.2}),
+    ):
         assert client.set(node, **values).successful
         run.reach(20)
     recording = run.finish()
     assert_whole(recording)
     assert [change.changed for change in recording.changes] == [
-        {'K': 20.0}, {'F_c': 0.5}, {'x_r': 0.1}, {'damping.kind': 'sinusoidal', 'm': 0.2}]
+        {'K': 20.0},
+        {'F_c': 0.5},
+        {'x_r': 0.1},
+        {'damping.kind': 'sinusoidal', 'm': 0.2},
+    ]
     assert_replays(run.bag)
 
 
-REFUSED = (({'D': -1.0}, 'D = -1.0'), ({'alpha_ratio': 1.0}, '(19)'), ({'c': 'two'}, "c = 'two'"),
-           ({'nothing': 1.0}, 'nothing = 1.0'), ({'m': float('nan')}, 'm = nan'),
-           ({'time_step': 1e-3}, 'read-only'))
+REFUSED = (
+    ({'D': -1.0}, 'D = -1.0'),
+    ({'alpha_ratio': 1.0}, '(19)'),
+    ({'c': 'two'}, "c = 'two'"),
+    ({'nothing': 1.0}, 'nothing = 1.0'),
+    ({'m': float('nan')}, 'm = nan'),
+    ({'time_step': 1e-3}, 'read-only'),
+)
 
 
 def test_a_bad_value_in_a_set_changes_nothing_at_all(client, live):
@@ -121,27 +142,44 @@ def test_a_bad_value_in_a_set_changes_nothing_at_all(client, live):
     assert [change.changed for change in run.changes] == [{'K': 40.0}, {'x_r': 0.25}]
 
 
-OTHER_VALUES = {'damping.kind': 'noise', 'c': 1.0, 'alpha_ratio': 0.75, 'duration': 0.5,
-                'damping.upper': 2.0, 'damping.lower': 0.25, 'impulses': False,
-                'sensor.velocity': 'difference', 'disturbance.kind': 'noise',
-                'disturbance.end': 9.0, 'velocity_source': 'estimated'}
+OTHER_VALUES = {
+    'damping.kind': 'noise',
+    'c': 1.0,
+    'alpha_ratio': 0.75,
+    'duration': 0.5,
+    'damping.upper': 2.0,
+    'damping.lower': 0.25,
+    'impulses': False,
+    'sensor.velocity': 'difference',
+    'disturbance.kind': 'noise',
+    'disturbance.end': 9.0,
+    'velocity_source': 'estimated',
+}
 
 
 def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused(
-        graph, client, live):
+    graph, client, live
+):
     process, _ = live
     paused(client)
     for node in ('plant_simulator', 'controller'):
         specs = {name: spec for name, _, spec in declared(NODES[node])}
         now = dict(zip(specs, client.get(node, *specs), strict=True))
-        other = {name: OTHER_VALUES.get(name, not value if isinstance(value, bool) else (
-            value + 1 if isinstance(value, (int, float)) else 'other'))
-            for name, value in now.items()}
+        other = {
+            name: OTHER_VALUES.get(
+                name,
+                not value
+                if isinstance(value, bool)
+                else (value + 1 if isinstance(value, (int, float)) else 'other'),
+            )
+            for name, value in now.items()
+        }
         for name, spec in specs.items():
             result = client.set(node, **{name: other[name]})
             assert result.successful != spec.read_only, (name, result.reason)
         assert client.get(node, *specs) == [
-            (now if spec.read_only else other)[name] for name, spec in specs.items()]
+            (now if spec.read_only else other)[name] for name, spec in specs.items()
+        ]
     assert client.set('plant_simulator', real_time_factor=0.0).successful
     client.tell('/plant_simulator/pause', SetBool, data=False)
     client.spin_until(lambda: not process.running, 'the end of the run')
@@ -179,8 +217,9 @@ def test_a_reset_restores_the_start_and_time_goes_on(graph, client, live):
     assert f'{run.states["stamp"][at] / SECOND:.9f}' in response.message
     assert list(run.impulses['guard'][run.impulses['stamp'] == run.states['stamp'][at]]) == [2]
     count = min(at, len(run.states) - at)
-    assert run.states['position'][at:at + count].tobytes() == (
-        run.states['position'][:count].tobytes())
+    assert run.states['position'][at : at + count].tobytes() == (
+        run.states['position'][:count].tobytes()
+    )
     assert_replays(graph.folder / 'bag')
 
 
@@ -200,18 +239,36 @@ def test_a_run_at_full_speed_serves_parameters_and_services(graph, client):
 
 
 def test_clock_damping_and_diagnostics_are_published(graph, client):
-    process = composed(graph, CONFIG / 'time_varying.yaml',
-                       **{'plant_simulator:real_time_factor': 0.2})
+    process = composed(
+        graph, CONFIG / 'time_varying.yaml', **{'plant_simulator:real_time_factor': 0.2}
+    )
     clock = client.listen('/clock', Clock)
     damping = client.listen('/damping', Float64)
     reports = client.listen('/diagnostics', DiagnosticArray)
-    client.spin_until(lambda: len(clock) > 3 and len(damping) > 30 and {
-        status.name for report in reports for status in report.status
-    } >= {'/plant_simulator', '/controller', '/recorder'}, 'clock, damping, diagnostics')
+    client.spin_until(
+        lambda: (
+            len(clock) > 3
+            and len(damping) > 30
+            and {status.name for report in reports for status in report.status}
+            >= {'/plant_simulator', '/controller', '/recorder'}
+        ),
+        'clock, damping, diagnostics',
+    )
     steps = np.diff([message.clock.sec * SECOND + message.clock.nanosec for message in clock])
     assert (steps == SECOND // 100).all()
     assert all(0.15 <= message.data <= 1.5 for message in damping)
     plant = client.reported('plant_simulator')
-    assert {'run', 'controller', 'recorders', 'steps_per_second', 'real_time_factor', 'accepted',
-            'late', 'stale', 'rejected', 'lost', 'missed_deadlines'} <= plant.keys()
+    assert {
+        'run',
+        'controller',
+        'recorders',
+        'steps_per_second',
+        'real_time_factor',
+        'accepted',
+        'late',
+        'stale',
+        'rejected',
+        'lost',
+        'missed_deadlines',
+    } <= plant.keys()
     assert process.interrupt() == 0

@@ -32,16 +32,27 @@ class Axis:
         self._raw = []
         # decoding what comes a thousand times a second would be a load beside it
         client.node.create_subscription(
-            JointState, '/joint_states', self._raw.append, 1000, raw=True)
-        self.recorder = graph.start('recorder', config=CONFIG, bag=self.bag,
-                                    topics=['/controller/transition_event'])
+            JointState, '/joint_states', self._raw.append, 1000, raw=True
+        )
+        self.recorder = graph.start(
+            'recorder', config=CONFIG, bag=self.bag, topics=['/controller/transition_event']
+        )
         self.controller = graph.start('controller', config=CONFIG, managed=True, **controller)
         self.axis = graph.start('python', EXAMPLE / 'axis.py')
         client.spin_until(lambda: len(self._raw) > 100, 'states')
         # the axis waits for nobody: who has discovered the controller can record it
-        client.spin_until(lambda: 'recorder' in [
-            end.node_name for end in client.node.get_subscriptions_info_by_topic(
-                '/controller/transition_event')], 'the recorder')
+        client.spin_until(
+            lambda: (
+                'recorder'
+                in [
+                    end.node_name
+                    for end in client.node.get_subscriptions_info_by_topic(
+                        '/controller/transition_event'
+                    )
+                ]
+            ),
+            'the recorder',
+        )
         client.activate()
 
     def position(self, back=1):
@@ -51,9 +62,11 @@ class Axis:
 
     def comes_to_rest(self, where):
         """Serve the client until the axis rests where it is to."""
+
         def at_rest():
             last = self.position()
             return where(last) and abs(last - self.position(200)) < 1e-5
+
         self._client.spin_until(at_rest, 'an axis at rest')
 
     def finish(self):
@@ -67,7 +80,7 @@ class Axis:
         assert np.isfinite(recording.commands['effort']).all()
         assert np.abs(recording.commands['effort']).max() <= LIMIT
         # the first commands may have come before the recorder was there
-        late = recording.states['effort'][len(recording.states) // 2:]
+        late = recording.states['effort'][len(recording.states) // 2 :]
         assert set(late) <= {0.0, *recording.commands['effort']}
         assert_replays(self.bag, '--controller')
         assert replayed(self.bag, '--closed-loop') == 2
@@ -79,7 +92,7 @@ def test_impulses_bring_a_foreign_axis_into_the_dead_band_and_the_bag_replays(gr
     axis.comes_to_rest(lambda position: abs(position) <= DEADBAND)
     recording = axis.finish()
     assert len(recording.impulses) > 0
-    span, = Run(name='bag', path=Path('bag'), recording=recording).responses
+    (span,) = Run(name='bag', path=Path('bag'), recording=recording).responses
     assert recording.states['stamp'][span.start] == recording.commands['stamp'][0]
     assert recording.states['position'][span.start] == pytest.approx(0.5, abs=0.05)
 
@@ -117,6 +130,7 @@ def test_a_recorder_keeps_no_more_of_a_plant_without_a_controller_than_it_needs(
     recorder.says('recording into')
     for process in (recorder, controller, axis):
         assert process.interrupt() == 0, process.output
-    behind = heard.sec * SECOND + heard.nanosec - int(
-        read(graph.folder / 'bag').states['stamp'][0])
+    behind = (
+        heard.sec * SECOND + heard.nanosec - int(read(graph.folder / 'bag').states['stamp'][0])
+    )
     assert behind <= (2 * WINDOW + SERIES_DEPTH) * SECOND // 1000  # its queue may be full

@@ -40,8 +40,19 @@ def test_a_second_plant_is_ignored_until_the_first_has_left(graph, client):
     third.kill()
     first = parse_state(run.states[0].header.frame_id).run
     before = len(run.states)
-    client.spin_until(lambda: len([one for one in run.states[before:] if parse_state(
-        one.header.frame_id).run == first]) > 50, 'more of the first run')
+    client.spin_until(
+        lambda: (
+            len(
+                [
+                    one
+                    for one in run.states[before:]
+                    if parse_state(one.header.frame_id).run == first
+                ]
+            )
+            > 50
+        ),
+        'more of the first run',
+    )
     assert second.running
     assert run.plant.interrupt() == 0
     assert second.wait() == 0, second.output
@@ -54,7 +65,11 @@ def test_a_second_plant_is_ignored_until_the_first_has_left(graph, client):
     assert recordings[0].run == first
     assert len(recordings[1].states) == len(recordings[1].commands) == 501
     assert {topic for topic, *_ in messages(run.bag)} == {
-        '/joint_states', '/joint_commands', '/impulse_events', '/run_parameters'}
+        '/joint_states',
+        '/joint_commands',
+        '/impulse_events',
+        '/run_parameters',
+    }
     assert not list(run.bag.with_name('bag-2').iterdir())
 
 
@@ -65,14 +80,23 @@ def test_what_others_say_beside_a_run_is_counted_and_changes_nothing(graph, clie
     parameters = client.node.create_publisher(ParameterEvent, '/run_parameters', LATCHED_QOS)
     strange = {
         parameters: [ParameterEvent(node='/somebody')],
-        states: [message((1, 0), position=[1.0], velocity=[0.0]),
-                 message((1, 0), name='elbow', position=[1.0]),
-                 message((1, 0), 'run:0badcafe.0', position=[1.0], velocity=[0.0]), GARBAGE],
-        commands: [*(message((1, 0), effort=effort) for effort in ([np.nan], [np.inf], [])),
-                   message((1, 0), name='elbow', effort=[1.0]), GARBAGE,
-                   *(message(stamp, effort=[1000.0])
-                     for stamp in ((0, 0), (0, 5), (1, 0), (2**31 - 1, 0))),
-                   message((1, 0), 'run:0badcafe.0 /controller#1234', effort=[1000.0])]}
+        states: [
+            message((1, 0), position=[1.0], velocity=[0.0]),
+            message((1, 0), name='elbow', position=[1.0]),
+            message((1, 0), 'run:0badcafe.0', position=[1.0], velocity=[0.0]),
+            GARBAGE,
+        ],
+        commands: [
+            *(message((1, 0), effort=effort) for effort in ([np.nan], [np.inf], [])),
+            message((1, 0), name='elbow', effort=[1.0]),
+            GARBAGE,
+            *(
+                message(stamp, effort=[1000.0])
+                for stamp in ((0, 0), (0, 5), (1, 0), (2**31 - 1, 0))
+            ),
+            message((1, 0), 'run:0badcafe.0 /controller#1234', effort=[1000.0]),
+        ],
+    }
 
     reported = []
 
@@ -84,10 +108,18 @@ def test_what_others_say_beside_a_run_is_counted_and_changes_nothing(graph, clie
             for publisher, sent in strange.items():
                 for one in sent:
                     publisher.publish(one)
-        return all(client.count_of(node, name) >= count for node, name, count in (
-            ('plant_simulator', 'rejected', 5), ('plant_simulator', 'ignored', 4),
-            ('plant_simulator', 'other_run', 1), ('controller', 'rejected', 2),
-            ('controller', 'other_run', 1), ('recorder', 'foreign', 3)))
+        return all(
+            client.count_of(node, name) >= count
+            for node, name, count in (
+                ('plant_simulator', 'rejected', 5),
+                ('plant_simulator', 'ignored', 4),
+                ('plant_simulator', 'other_run', 1),
+                ('controller', 'rejected', 2),
+                ('controller', 'other_run', 1),
+                ('recorder', 'foreign', 3),
+            )
+        )
+
     client.spin_until(counted, 'the counts')
     run.reach(50)
     recording = run.finish()
@@ -118,8 +150,11 @@ def foreign_states(client, recorder, count, start=START):
                 states.publish(state)
             # a driver does not wait for a recorder, which may not have discovered the commands
             return 'recording into' in recorder.output and [
-                one for one in commands
-                if (one.header.stamp.sec, one.header.stamp.nanosec) == stamp]
+                one
+                for one in commands
+                if (one.header.stamp.sec, one.header.stamp.nanosec) == stamp
+            ]
+
         client.spin_until(answers, f'the answer to state {k}')
         first += answers()[:1]
     states.publish(state)
@@ -130,8 +165,9 @@ def foreign_states(client, recorder, count, start=START):
 
 def test_a_foreign_plant_is_answered_and_recorded(graph, client):
     bag = graph.folder / 'bag'
-    controller = graph.start('controller', time_step=0.001, position_deadband=0.005,
-                             state_timeout=0.0)
+    controller = graph.start(
+        'controller', time_step=0.001, position_deadband=0.005, state_timeout=0.0
+    )
     recorder = graph.start('recorder', bag=bag)
     commands = foreign_states(client, recorder, 100)
     assert {one.header.frame_id for one in commands} == {'', 'position_zero'}
@@ -143,20 +179,23 @@ def test_a_foreign_plant_is_answered_and_recorded(graph, client):
     assert len(recording.commands) == 100
     assert np.array_equal(np.diff(recording.states['stamp']), np.full(99, 1_000_000))
     assert len(recording.impulses) == sum(one.header.frame_id != '' for one in commands) > 0
-    change, = recording.controllers
+    (change,) = recording.controllers
     assert change.node == '/controller'
     assert change.stamp == START
     assert_replays(bag, '--controller')
 
 
 def test_two_controllers_of_a_foreign_plant_are_warned_about(graph, client):
-    controllers = [graph.start('controller', '--ros-args', '-r', f'__node:={name}',
-                               time_step=0.001) for name in ('one', 'two')]
+    controllers = [
+        graph.start('controller', '--ros-args', '-r', f'__node:={name}', time_step=0.001)
+        for name in ('one', 'two')
+    ]
     states = client.publisher('/joint_states', JointState, 'one', 'two')
 
     def warned():
         states.publish(message((1, 0), position=[0.5], velocity=[0.0]))
         return all('several controllers' in controller.output for controller in controllers)
+
     client.spin_until(warned, 'warnings')
     for controller in controllers:
         assert controller.interrupt() == 0

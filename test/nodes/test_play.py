@@ -16,30 +16,47 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.nodes.topics import qos_keys
 from test.nodes.runs import Run
 
-NEEDED = {('controller', '/joint_states'), ('controller', '/setpoint'),
-          ('controller', '/run_parameters'), ('plant_simulator', '/joint_commands'),
-          ('recorder', '/joint_states'), ('recorder', '/joint_commands'),
-          ('recorder', '/impulse_events'), ('recorder', '/run_parameters'),
-          ('recorder', '/damping'), ('recorder', '/setpoint')}
+NEEDED = {
+    ('controller', '/joint_states'),
+    ('controller', '/setpoint'),
+    ('controller', '/run_parameters'),
+    ('plant_simulator', '/joint_commands'),
+    ('recorder', '/joint_states'),
+    ('recorder', '/joint_commands'),
+    ('recorder', '/impulse_events'),
+    ('recorder', '/run_parameters'),
+    ('recorder', '/damping'),
+    ('recorder', '/setpoint'),
+}
 TOPICS = sorted({topic for _, topic in NEEDED})
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-UNRECORDED = {'reliability': 'reliable', 'durability': 'volatile', 'deadline': FOREVER,
-              'lifespan': FOREVER, 'liveliness': 'automatic',
-              'liveliness_lease_duration': FOREVER, 'avoid_ros_namespace_conventions': False}
+UNRECORDED = {
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
 
 
 def profile(keys):
     """Return the QoS of nine keys as they stand in metadata.yaml, without its history."""
+
     def duration(time):
         return Duration(nanoseconds=time['sec'] * SECOND + time['nsec'])
 
     return QoSProfile(
-        depth=10, reliability=ReliabilityPolicy.get_from_short_key(keys['reliability']),
+        depth=10,
+        reliability=ReliabilityPolicy.get_from_short_key(keys['reliability']),
         durability=DurabilityPolicy.get_from_short_key(keys['durability']),
-        deadline=duration(keys['deadline']), lifespan=duration(keys['lifespan']),
+        deadline=duration(keys['deadline']),
+        lifespan=duration(keys['lifespan']),
         liveliness=LivelinessPolicy.get_from_short_key(keys['liveliness']),
         liveliness_lease_duration=duration(keys['liveliness_lease_duration']),
-        avoid_ros_namespace_conventions=keys['avoid_ros_namespace_conventions'])
+        avoid_ros_namespace_conventions=keys['avoid_ros_namespace_conventions'],
+    )
 
 
 def offered_by_play(profiles):
@@ -53,20 +70,28 @@ def test_play_offers_every_node_what_it_requests_and_a_bag_says_what_was_offered
     client.node.create_publisher(Float64, '/setpoint', 10)
 
     def requests():
-        return {(end.node_name, topic): end.qos_profile for topic in TOPICS
-                for end in client.node.get_subscriptions_info_by_topic(topic)
-                if end.node_name != 'test_client'}
+        return {
+            (end.node_name, topic): end.qos_profile
+            for topic in TOPICS
+            for end in client.node.get_subscriptions_info_by_topic(topic)
+            if end.node_name != 'test_client'
+        }
 
     client.spin_until(lambda: requests().keys() >= NEEDED, 'the subscriptions of our nodes')
     requested = requests()
     run.finish()
     content = yaml.safe_load((run.bag / 'metadata.yaml').read_text())
-    offers = {topic['topic_metadata']['name']: topic['topic_metadata']['offered_qos_profiles']
-              for topic in content['rosbag2_bagfile_information']['topics_with_message_count']}
+    offers = {
+        topic['topic_metadata']['name']: topic['topic_metadata']['offered_qos_profiles']
+        for topic in content['rosbag2_bagfile_information']['topics_with_message_count']
+    }
     for (node, topic), request in requested.items():
         verdict, why = qos_check_compatible(offered_by_play(offers.get(topic, [])), request)
         assert verdict == QoSCompatibility.OK, f'{node} on {topic}: {why}'
     assert offers['/run_parameters'][0]['durability'] == 'transient_local'
     for keys in (keys for profiles in offers.values() for keys in profiles):
-        assert {**qos_keys(profile(keys)), 'history': keys['history'],
-                'depth': keys['depth']} == keys
+        assert {
+            **qos_keys(profile(keys)),
+            'history': keys['history'],
+            'depth': keys['depth'],
+        } == keys

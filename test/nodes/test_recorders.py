@@ -60,8 +60,12 @@ def test_named_topics_are_recorded_once_and_what_cannot_be_is_named(graph, clien
     (graph.folder / 'stereo_msgs').mkdir()
     (graph.folder / 'stereo_msgs' / '__init__.py').touch()  # hides the installed one
     client.node.create_publisher(DisparityImage, '/odd', 10)
-    graph.environment = {**graph.environment, 'PYTHONPATH': os.pathsep.join(
-        filter(None, (str(graph.folder), os.environ.get('PYTHONPATH'))))}
+    graph.environment = {
+        **graph.environment,
+        'PYTHONPATH': os.pathsep.join(
+            filter(None, (str(graph.folder), os.environ.get('PYTHONPATH')))
+        ),
+    }
     process = composed(graph, **{'recorder:topics': ['joint_states', '/rosout', '/odd']})
     process.says("message type 'stereo_msgs/msg/DisparityImage' is not installed")
     states = client.listen('/joint_states', JointState)
@@ -72,24 +76,44 @@ def test_named_topics_are_recorded_once_and_what_cannot_be_is_named(graph, clien
     assert_whole(read(bag))
     counts = topics_of(bag)
     assert counts.keys() == {
-        '/joint_states', '/joint_commands', '/impulse_events', '/run_parameters', '/rosout'}
+        '/joint_states',
+        '/joint_commands',
+        '/impulse_events',
+        '/run_parameters',
+        '/rosout',
+    }
     assert counts['/joint_states'] == len(read(bag).states)
     assert counts['/rosout'] > 0
 
 
 def test_a_run_in_a_namespace_and_on_other_topics_is_recorded_as_it_is_called(graph):
     extra = graph.folder / 'extra.yaml'
-    extra.write_text('/**/recorder:\n  ros__parameters:\n    topics: []\n'
-                     f'    bag: {graph.folder / "bag"}\n'
-                     '/**/plant_simulator:\n  ros__parameters: {duration: 0.05}\n')
-    process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', '-r',
-                          'joint_states:=measured', '--params-file', UNDERDAMPED,
-                          '--params-file', extra)
+    extra.write_text(
+        '/**/recorder:\n  ros__parameters:\n    topics: []\n'
+        f'    bag: {graph.folder / "bag"}\n'
+        '/**/plant_simulator:\n  ros__parameters: {duration: 0.05}\n'
+    )
+    process = graph.start(
+        'closed_loop',
+        '--ros-args',
+        '-r',
+        '__ns:=/left',
+        '-r',
+        'joint_states:=measured',
+        '--params-file',
+        UNDERDAMPED,
+        '--params-file',
+        extra,
+    )
     assert process.wait() == 0, process.output
     run = read(graph.folder / 'bag')
     assert len(run.states) == 501
     assert_whole(run)
     assert run.parameters['/left/plant_simulator']['F_c'] == 0.0
     assert {topic for topic, *_ in messages(graph.folder / 'bag')} == {
-        '/left/measured', '/left/joint_commands', '/left/impulse_events', '/left/run_parameters'}
+        '/left/measured',
+        '/left/joint_commands',
+        '/left/impulse_events',
+        '/left/run_parameters',
+    }
     assert_replays(graph.folder / 'bag')

@@ -16,15 +16,19 @@ COMMAND_TIMEOUT, RECORDER_TIMEOUT = 1.0, 1.0  # s
 def told(what, seconds, bound):
     """Print the median of ``seconds``, and assert that it is within a bound."""
     found = median(seconds)
-    print(f'SUMMARY {what}: median {found:.3f} s of {len(seconds)}, largest {max(seconds):.3f} s, '
-          f'bound {bound:g} s')
+    print(
+        f'SUMMARY {what}: median {found:.3f} s of {len(seconds)}, largest {max(seconds):.3f} s, '
+        f'bound {bound:g} s'
+    )
     assert found <= bound
 
 
 def endpoints(client):
     """Return the publishers of commands that the client has discovered."""
-    return {bytes(end.endpoint_gid) for end in client.node.get_publishers_info_by_topic(
-        '/joint_commands')}
+    return {
+        bytes(end.endpoint_gid)
+        for end in client.node.get_publishers_info_by_topic('/joint_commands')
+    }
 
 
 def test_a_controller_started_anew_goes_on_soon_after_its_discovery(graph, client):
@@ -61,8 +65,14 @@ def test_a_controller_that_stands_by_takes_over_soon(graph, client):
 
 
 def test_a_killed_recorder_is_released_soon(graph, client):
-    run, seconds = Run(graph, client, plant_simulator={
-        'recorder_timeout': RECORDER_TIMEOUT, 'real_time_factor': 0.5}), []
+    run, seconds = (
+        Run(
+            graph,
+            client,
+            plant_simulator={'recorder_timeout': RECORDER_TIMEOUT, 'real_time_factor': 0.5},
+        ),
+        [],
+    )
     for number in range(ROUNDS):
         run.reach(100)
         run.recorder.kill()
@@ -87,12 +97,19 @@ def subscriber(graph):
     return graph.start('python', '-c', SUBSCRIBER)
 
 
-@pytest.mark.parametrize(('peer', 'name'), [
-    (recorder, 'recorder'), (controller, 'other'), (subscriber, 'subscriber')],
-    ids=['recorder', 'controller', 'subscriber'])
+@pytest.mark.parametrize(
+    ('peer', 'name'),
+    [(recorder, 'recorder'), (controller, 'other'), (subscriber, 'subscriber')],
+    ids=['recorder', 'controller', 'subscriber'],
+)
 def test_a_composed_run_is_not_slowed_by_a_killed_peer(graph, client, peer, name):
-    process = composed(graph, **{'plant_simulator:real_time_factor': 0.0,
-                                 'plant_simulator:recorder_timeout': RECORDER_TIMEOUT})
+    process = composed(
+        graph,
+        **{
+            'plant_simulator:real_time_factor': 0.0,
+            'plant_simulator:recorder_timeout': RECORDER_TIMEOUT,
+        },
+    )
 
     def speed(reports=3):
         """Return samples per second of wall time, over some reports of the plant."""
@@ -102,7 +119,8 @@ def test_a_composed_run_is_not_slowed_by_a_killed_peer(graph, client, peer, name
             before = client.count_of('plant_simulator', 'steps')
             client.spin_until(
                 lambda before=before: client.count_of('plant_simulator', 'steps') > before,
-                'a report')
+                'a report',
+            )
             counts.append((time.monotonic(), client.count_of('plant_simulator', 'steps')))
         return (counts[-1][1] - counts[0][1]) / (counts[-1][0] - counts[0][0])
 
@@ -117,8 +135,8 @@ def test_a_composed_run_is_not_slowed_by_a_killed_peer(graph, client, peer, name
         client.reported('plant_simulator', recorders=1)
     after = speed()
     assert process.interrupt() == 0, process.output
-    print(f'SUMMARY composed beside a killed {name}: {before:.0f} steps/s before, {after:.0f} '
-          f'after: {after / before:.2f}')
+    print(
+        f'SUMMARY composed beside a killed {name}: {before:.0f} steps/s before, {after:.0f} '
+        f'after: {after / before:.2f}'
+    )
     assert after >= 0.8 * before
-
-

@@ -36,7 +36,8 @@ def written(graph, node, values):
 
 @pytest.mark.parametrize(('node', 'values', 'said'), REFUSED, ids=lambda one: str(one)[:30])
 def test_a_wrong_file_is_refused_with_its_name_the_parameter_and_what_is_allowed(
-        graph, node, values, said):
+    graph, node, values, said
+):
     with pytest.raises(ParameterError) as refused:
         read_experiment(written(graph, node, values))
     for text in (*said, 'wrong.yaml', node):
@@ -61,33 +62,43 @@ def test_composed_a_wrong_file_is_refused_in_one_line_and_leaves_no_bag(graph):
     assert not (graph.folder / 'bag').exists()
 
 
-@pytest.mark.parametrize(('node', 'arguments', 'said'), [
-    (Controller, 'alpha_ratio:=1.0', 'alpha_ratio = 1.0'),
-    (Controller, 'K:=ten', "K = 'ten'"),
-    (PlantSimulator, 'F_c:=-1.0', 'F_c = -1.0'),
-    (PlantSimulator, 'lockstep:=false', 'real_time_factor = 0.0'),
-    (PlantSimulator, 'dampin.kind:=noise', 'damping.kind'),
-    (PlantSimulator, 'clock_rate:=1.0e-300', 'clock_rate = 1e-300'),
-    (PlantSimulator, 'x_0:=1.0e+100', 'x_0 = 1e+100'),
-    (Recorder, 'topics:=setpoint', "topics = 'setpoint'")])
+@pytest.mark.parametrize(
+    ('node', 'arguments', 'said'),
+    [
+        (Controller, 'alpha_ratio:=1.0', 'alpha_ratio = 1.0'),
+        (Controller, 'K:=ten', "K = 'ten'"),
+        (PlantSimulator, 'F_c:=-1.0', 'F_c = -1.0'),
+        (PlantSimulator, 'lockstep:=false', 'real_time_factor = 0.0'),
+        (PlantSimulator, 'dampin.kind:=noise', 'damping.kind'),
+        (PlantSimulator, 'clock_rate:=1.0e-300', 'clock_rate = 1e-300'),
+        (PlantSimulator, 'x_0:=1.0e+100', 'x_0 = 1e+100'),
+        (Recorder, 'topics:=setpoint', "topics = 'setpoint'"),
+    ],
+)
 def test_a_node_refuses_a_wrong_parameter(client, node, arguments, said):
     with pytest.raises(ParameterError) as refused:
-        node(context=client.node.context, use_global_arguments=False,
-             cli_args=['--ros-args', '-p', arguments])
+        node(
+            context=client.node.context,
+            use_global_arguments=False,
+            cli_args=['--ros-args', '-p', arguments],
+        )
     assert said in str(refused.value)
     assert '\n' not in str(refused.value)
     assert rclpy.ok(context=client.node.context)
 
 
 def test_executables_refuse_wrong_arguments_in_one_line(graph):
-    started = [(graph.start(node, '--ros-args', *arguments.split()), said)
-               for node, arguments, said in (
-                   ('controller', '-p K:=ten', "K = 'ten'"),
-                   ('controller', '--nonsense', '--nonsense'),
-                   ('plant_simulator', '--params-file nowhere.yaml', 'nowhere.yaml'),
-                   ('recorder', '--log-level nonsense', 'nonsense'),
-                   ('recorder', '-p bag:=/proc/nowhere/bag', '/proc/nowhere/bag'),
-                   ('recorder', f'-p bag:={"b" * 300}', 'bbb'))]
+    started = [
+        (graph.start(node, '--ros-args', *arguments.split()), said)
+        for node, arguments, said in (
+            ('controller', '-p K:=ten', "K = 'ten'"),
+            ('controller', '--nonsense', '--nonsense'),
+            ('plant_simulator', '--params-file nowhere.yaml', 'nowhere.yaml'),
+            ('recorder', '--log-level nonsense', 'nonsense'),
+            ('recorder', '-p bag:=/proc/nowhere/bag', '/proc/nowhere/bag'),
+            ('recorder', f'-p bag:={"b" * 300}', 'bbb'),
+        )
+    ]
     for process, said in started:
         assert_refused(process, said)
     bogus = graph.start('controller', '--bogus')
@@ -96,8 +107,10 @@ def test_executables_refuse_wrong_arguments_in_one_line(graph):
 
 
 def test_help_is_given(graph):
-    for process in [graph.start(node, '--help') for node in (
-            'plant_simulator', 'controller', 'recorder', 'closed_loop')]:
+    for process in [
+        graph.start(node, '--help')
+        for node in ('plant_simulator', 'controller', 'recorder', 'closed_loop')
+    ]:
         assert process.wait() == 0
         assert '--params-file' in process.output
 

@@ -28,9 +28,15 @@ ORDERS = list(itertools.permutations(NODES))
 DRAWN = re.compile(rb'run:[0-9a-f]{8}|#[0-9a-f]{4}')
 
 
-@pytest.mark.parametrize(('order', 'duration'), [
-    (ORDERS[0], 2.0), *((order, 0.05) for order in ORDERS[3:6:2]),
-    *(pytest.param(order, 2.0, marks=pytest.mark.soak) for order in ORDERS[1:])], ids=str)
+@pytest.mark.parametrize(
+    ('order', 'duration'),
+    [
+        (ORDERS[0], 2.0),
+        *((order, 0.05) for order in ORDERS[3:6:2]),
+        *(pytest.param(order, 2.0, marks=pytest.mark.soak) for order in ORDERS[1:]),
+    ],
+    ids=str,
+)
 def test_three_processes_in_any_order_are_the_simulation_to_the_last_bit(graph, order, duration):
     bag = graph.folder / 'bag'
     started = three_processes(graph, order, UNDERDAMPED, bag, duration=duration)
@@ -55,8 +61,9 @@ def test_load_beside_the_three_processes_changes_no_bit(graph):
 @pytest.mark.parametrize('name', ['pd_only_lower', 'pd_only_upper', 'coulomb', 'encoder'])
 def test_the_composed_process_is_the_simulation_to_the_last_bit(graph, name):
     config = CONFIG / f'{name}.yaml'
-    process = composed(graph, config, **{'plant_simulator:duration': 0.3,
-                                         'plant_simulator:real_time_factor': 0.0})
+    process = composed(
+        graph, config, **{'plant_simulator:duration': 0.3, 'plant_simulator:real_time_factor': 0.0}
+    )
     assert process.wait() == 0, process.output
     run = read(graph.folder / 'bag')
     assert len(run.states) == len(run.commands) == 3001
@@ -68,8 +75,11 @@ def test_the_composed_process_is_the_simulation_to_the_last_bit(graph, name):
         recorded = run.parameters[f'/{node}']
         assert recorded.keys() == getattr(experiment, node).flat().keys()
         assert PARAMETERS[node].__name__
-        assert {name: value for name, value in getattr(experiment, node).flat().items()
-                if recorded[name] != value}.keys() <= {'duration', 'wait_for_recorder'}
+        assert {
+            name: value
+            for name, value in getattr(experiment, node).flat().items()
+            if recorded[name] != value
+        }.keys() <= {'duration', 'wait_for_recorder'}
 
 
 def undrawn(bag):
@@ -85,14 +95,22 @@ def in_order(found):
 def test_one_process_three_and_none_make_the_same_bag(graph):
     """Also the damping stands behind the state that it was published after."""
     bags = {name: graph.folder / name for name in ('one', 'three', 'none')}
-    process = composed(graph, TIME_VARYING, **{
-        'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.0,
-        'plant_simulator:wait_for_recorder': True, 'recorder:bag': bags['one']})
+    process = composed(
+        graph,
+        TIME_VARYING,
+        **{
+            'plant_simulator:duration': 0.2,
+            'plant_simulator:real_time_factor': 0.0,
+            'plant_simulator:wait_for_recorder': True,
+            'recorder:bag': bags['one'],
+        },
+    )
     assert process.wait() == 0, process.output
     three_processes(graph, NODES, TIME_VARYING, bags['three'], duration=0.2)
     one = undrawn(bags['one'])
     assert [stamp for topic, stamp, _ in one if topic == '/damping'] == [
-        START + k * STEP for k in range(10, 2001, 10)]
+        START + k * STEP for k in range(10, 2001, 10)
+    ]
     assert in_order(undrawn(bags['three'])) == one
     if not find_spec('impulse_control_ros.tools.simulate'):
         pytest.skip('there is no simulate')
@@ -102,8 +120,9 @@ def test_one_process_three_and_none_make_the_same_bag(graph):
 
 
 def test_the_composed_process_runs_without_a_recorder(graph):
-    process = graph.start('closed_loop', '--no-recorder', config=UNDERDAMPED,
-                          **{'plant_simulator:duration': 0.1})
+    process = graph.start(
+        'closed_loop', '--no-recorder', config=UNDERDAMPED, **{'plant_simulator:duration': 0.1}
+    )
     assert process.wait() == 0, process.output
     assert process.totals['steps'] == 1000
     assert 'recorder' not in process.output

@@ -1,6 +1,5 @@
 """What the controller sends when it cannot know better: nothing but a finite effort, or zero."""
 
-
 import math
 
 import pytest
@@ -18,6 +17,7 @@ def state(tick, position, velocity=0.0):
 @pytest.fixture
 def hand_fed(graph, client):
     """A controller whose plant is this test: returns what feeds it, and what it says."""
+
     def start(**parameters):
         process = graph.start('controller', time_step=0.001, **parameters)
         commands = client.listen('/joint_commands', JointState)
@@ -32,18 +32,26 @@ def hand_fed(graph, client):
                 if not [one for one in commands[before:] if stamp_of(one) == stamp_of(message)]:
                     publisher.publish(message)
                 return [one for one in commands[before:] if stamp_of(one) == stamp_of(message)]
+
             return client.spin_until(answered, 'the command')[0].effort[0]
+
         feed.publisher = publisher
         return process, feed, commands
+
     return start
 
 
-@pytest.mark.parametrize(('limit', 'velocities'), [
-    (0.0, (0.0, -1e308)), (20.0, (-1e308,))], ids=['any effort', 'bounded effort'])
+@pytest.mark.parametrize(
+    ('limit', 'velocities'),
+    [(0.0, (0.0, -1e308)), (20.0, (-1e308,))],
+    ids=['any effort', 'bounded effort'],
+)
 def test_an_effort_that_is_not_finite_is_sent_as_zero_with_the_reason(
-        hand_fed, client, limit, velocities):
-    process, feed, commands = hand_fed(state_timeout=0.0, D=10.0, effort_limit=limit,
-                                       impulses=False)
+    hand_fed, client, limit, velocities
+):
+    process, feed, commands = hand_fed(
+        state_timeout=0.0, D=10.0, effort_limit=limit, impulses=False
+    )
     for tick, velocity in enumerate(velocities):
         assert feed(state(3 * tick, 0.5)) == -5.0
         assert feed(state(3 * tick + 1, 1e308, velocity)) == 0.0
@@ -87,6 +95,7 @@ def test_states_that_stay_away_make_a_zero_command_and_their_return_ends_it(hand
     def same():  # who says the same for ever has stopped
         feed.publisher.publish(state(100, 0.5, -1.0))
         return len([one for one in commands if stamp_of(one) == 0]) > 3
+
     client.spin_until(same, '0 N')
     assert process.interrupt() == 0
 
@@ -125,7 +134,8 @@ def test_a_state_that_says_nothing_is_rejected_and_the_next_one_is_answered(hand
 
 
 def test_a_joint_among_many_is_found_and_a_velocity_that_is_not_measured_is_estimated(
-        hand_fed, client):
+    hand_fed, client
+):
     process, feed, commands = hand_fed(state_timeout=0.0, impulses=False)
     big = state(0, 0.0)
     big.name = [f'joint_{number}' for number in range(10_000)] + ['axis']
@@ -139,6 +149,7 @@ def test_a_joint_among_many_is_found_and_a_velocity_that_is_not_measured_is_esti
         message.name, message.effort = names if axis == 1 else names[::-1], []
         message.position, message.velocity = position, velocity
         return feed(message)
+
     assert three(1, 1, [9.0, 0.4, -9.0], [9.0, -2.0, -9.0]) == -4.0 + 1.0
     assert three(2, 1, [9.0, 0.4, -9.0], []) < -3.0
     assert three(3, 1, [9.0, 0.3, -9.0], [0.0, -1.0, 0.0]) == -3.0 + 0.5

@@ -10,35 +10,63 @@ from test.nodes.runs import NODES
 from test.processes import ROOT
 
 # the attribute in a policy, and how rclpy lists it
-ACCESS = {'publish': 'publisher', 'subscribe': 'subscriber', 'reply': 'service',
-          'request': 'client'}
-OPTIONAL = set() if find_spec('simulation_interfaces') else {
-    ('reply', f'/plant_simulator/{name}') for name in (
-        'get_simulation_state', 'get_simulator_features', 'reset_simulation',
-        'set_simulation_state', 'step_simulation')}
+ACCESS = {
+    'publish': 'publisher',
+    'subscribe': 'subscriber',
+    'reply': 'service',
+    'request': 'client',
+}
+OPTIONAL = (
+    set()
+    if find_spec('simulation_interfaces')
+    else {
+        ('reply', f'/plant_simulator/{name}')
+        for name in (
+            'get_simulation_state',
+            'get_simulator_features',
+            'reset_simulation',
+            'set_simulation_state',
+            'step_simulation',
+        )
+    }
+)
 
 
 def granted(name):
     """Return the access of a policy file: pairs of attribute and full name."""
-    profile, = ElementTree.parse(ROOT / 'security' / f'{name}.policy.xml').iter('profile')
+    (profile,) = ElementTree.parse(ROOT / 'security' / f'{name}.policy.xml').iter('profile')
     assert (profile.get('ns'), profile.get('node')) == ('/', name)
-    return {(access, f'/{name}{item.text[1:]}' if item.text.startswith('~')
-             else f'/{item.text.lstrip("/")}')
-            for group in profile for access in group.attrib for item in group}
+    return {
+        (
+            access,
+            f'/{name}{item.text[1:]}'
+            if item.text.startswith('~')
+            else f'/{item.text.lstrip("/")}',
+        )
+        for group in profile
+        for access in group.attrib
+        for item in group
+    }
 
 
 def taken(node, name):
     """Return the access that a running node has now, as far as the graph tells."""
     try:
-        return {(access, topic) for access, kind in ACCESS.items()
-                for topic, _ in getattr(node, f'get_{kind}_names_and_types_by_node')(name, '/')}
+        return {
+            (access, topic)
+            for access, kind in ACCESS.items()
+            for topic, _ in getattr(node, f'get_{kind}_names_and_types_by_node')(name, '/')
+        }
     except rclpy.node.NodeNameNonExistentError:
         return set()
 
 
 def test_each_node_takes_the_access_that_it_is_granted_and_no_more(graph, client):
-    options = {'plant_simulator': {'damping.kind': 'noise', 'wait_for_recorder': True},
-               'controller': {'managed': True}, 'recorder': {'bag': graph.folder / 'bag'}}
+    options = {
+        'plant_simulator': {'damping.kind': 'noise', 'wait_for_recorder': True},
+        'controller': {'managed': True},
+        'recorder': {'bag': graph.folder / 'bag'},
+    }
     processes = [graph.start(name, **options[name]) for name in NODES]
     client.node.create_publisher(Float64, '/setpoint', 10)
     client.activate()
@@ -51,6 +79,7 @@ def test_each_node_takes_the_access_that_it_is_granted_and_no_more(graph, client
             access |= taken(client.node, name)
             assert access <= wanted[name]
         return seen == wanted
+
     try:
         client.spin_until(complete, 'the access that is granted')
     finally:

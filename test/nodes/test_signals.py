@@ -18,6 +18,7 @@ def test_a_signal_during_the_imports_ends_a_node_without_a_traceback(graph):
             process.send(signal.SIGINT)
             waiting.remove(process)
         return not waiting
+
     started = list(waiting)
     wait_for(all_imported, 'numba')
     for process in started:
@@ -34,8 +35,13 @@ def test_a_node_that_waits_ends_at_a_storm_of_signals(graph, client):
         node = 'controller' if name == 'closed_loop' else name
         client.get(f'{name}/{node}', 'use_sim_time')
         signals = itertools.cycle((signal.SIGINT, signal.SIGTERM))
-        wait_for(lambda process=process: not process.running, f'the end of {name}',
-                 lambda process=process, signals=signals: (
-                     process.send(next(signals)), time.sleep(0.005)))
+        wait_for(
+            lambda process=process: not process.running,
+            f'the end of {name}',
+            lambda process=process, signals=signals: (
+                process.send(next(signals)),
+                time.sleep(0.005),
+            ),
+        )
         assert process.wait() == 0, process.output
         assert 'Traceback' not in process.output

@@ -11,19 +11,26 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import read
 from test.nodes.runs import assert_whole, composed, UNDERDAMPED
 
-OURS = {'reset': 'std_srvs/srv/Trigger', 'pause': 'std_srvs/srv/SetBool',
-        'step': 'std_srvs/srv/Trigger'}
-STANDARD = {'GetSimulatorFeatures': 'get_simulator_features',
-            'GetSimulationState': 'get_simulation_state',
-            'SetSimulationState': 'set_simulation_state',
-            'StepSimulation': 'step_simulation', 'ResetSimulation': 'reset_simulation'}
+OURS = {
+    'reset': 'std_srvs/srv/Trigger',
+    'pause': 'std_srvs/srv/SetBool',
+    'step': 'std_srvs/srv/Trigger',
+}
+STANDARD = {
+    'GetSimulatorFeatures': 'get_simulator_features',
+    'GetSimulationState': 'get_simulation_state',
+    'SetSimulationState': 'set_simulation_state',
+    'StepSimulation': 'step_simulation',
+    'ResetSimulation': 'reset_simulation',
+}
 FROM_RCLPY = ('rcl_interfaces/', 'type_description_interfaces/')
 PLANT = 'from impulse_control_ros.nodes.entry import plant_simulator; sys.exit(plant_simulator())'
 
 
 def start_plant(graph, **parameters):
-    return graph.start('plant_simulator', config=UNDERDAMPED, wait_for_recorder=False,
-                       **parameters)
+    return graph.start(
+        'plant_simulator', config=UNDERDAMPED, wait_for_recorder=False, **parameters
+    )
 
 
 def paused(graph, client):
@@ -56,6 +63,7 @@ def offered(client, *least):
         names = {name.rpartition('/')[2]: kinds[0] for name, kinds in found}
         own = {name: kind for name, kind in names.items() if not kind.startswith(FROM_RCLPY)}
         return own if own.keys() >= {*least} else None
+
     return client.spin_until(listed, f'services {least}')
 
 
@@ -70,7 +78,8 @@ class Standard:
 
     def call(self, kind, once=False, **request):
         return self._client.call(
-            f'/plant_simulator/{STANDARD[kind]}', getattr(self.srv, kind), once, **request)
+            f'/plant_simulator/{STANDARD[kind]}', getattr(self.srv, kind), once, **request
+        )
 
     def set(self, state):
         return self.call('SetSimulationState', state=self.msg.SimulationState(state=state)).result
@@ -78,10 +87,14 @@ class Standard:
     def quit(self):
         """Ask for the end; the response may come too late to be awaited."""
         client = self._client.node.create_client(
-            self.srv.SetSimulationState, '/plant_simulator/set_simulation_state')
+            self.srv.SetSimulationState, '/plant_simulator/set_simulation_state'
+        )
         self._client.spin_until(client.service_is_ready, 'the service')
-        client.call_async(self.srv.SetSimulationState.Request(
-            state=self.msg.SimulationState(state=self.states.STATE_QUITTING)))
+        client.call_async(
+            self.srv.SetSimulationState.Request(
+                state=self.msg.SimulationState(state=self.states.STATE_QUITTING)
+            )
+        )
 
     @property
     def state(self):
@@ -100,23 +113,35 @@ def test_a_plant_lists_what_it_offers_and_offers_what_it_lists(graph, client, st
     features = standard.call('GetSimulatorFeatures').features
     ids = standard.msg.SimulatorFeatures
     assert set(features.features) == {
-        ids.SIMULATION_RESET, ids.SIMULATION_RESET_STATE, ids.SIMULATION_STATE_GETTING,
-        ids.SIMULATION_STATE_SETTING, ids.SIMULATION_STATE_PAUSE, ids.STEP_SIMULATION_SINGLE,
-        ids.STEP_SIMULATION_MULTIPLE}
+        ids.SIMULATION_RESET,
+        ids.SIMULATION_RESET_STATE,
+        ids.SIMULATION_STATE_GETTING,
+        ids.SIMULATION_STATE_SETTING,
+        ids.SIMULATION_STATE_PAUSE,
+        ids.STEP_SIMULATION_SINGLE,
+        ids.STEP_SIMULATION_MULTIPLE,
+    }
     assert 'time goes on' in features.custom_info
     assert offered(client, *OURS, *STANDARD.values()) == OURS | {
-        name: f'simulation_interfaces/srv/{kind}' for kind, name in STANDARD.items()}
+        name: f'simulation_interfaces/srv/{kind}' for kind, name in STANDARD.items()
+    }
 
 
 def test_a_type_that_is_missing_is_neither_offered_nor_listed(graph, client, standard):
-    graph.start('python', '-c', 'import sys, simulation_interfaces.srv as srv\n'
-                f'del srv.StepSimulation\n{PLANT}')
+    graph.start(
+        'python',
+        '-c',
+        f'import sys, simulation_interfaces.srv as srv\ndel srv.StepSimulation\n{PLANT}',
+    )
     features = standard.call('GetSimulatorFeatures').features.features
-    assert not {standard.msg.SimulatorFeatures.STEP_SIMULATION_SINGLE,
-                standard.msg.SimulatorFeatures.STEP_SIMULATION_MULTIPLE} & set(features)
+    assert not {
+        standard.msg.SimulatorFeatures.STEP_SIMULATION_SINGLE,
+        standard.msg.SimulatorFeatures.STEP_SIMULATION_MULTIPLE,
+    } & set(features)
     kept = STANDARD.keys() - {'StepSimulation'}
     assert offered(client, *OURS, *(STANDARD[kind] for kind in kept)) == OURS | {
-        STANDARD[kind]: f'simulation_interfaces/srv/{kind}' for kind in kept}
+        STANDARD[kind]: f'simulation_interfaces/srv/{kind}' for kind in kept
+    }
 
 
 def test_a_plant_is_paused_and_played_and_other_states_are_refused(graph, client, standard):
@@ -159,8 +184,12 @@ def test_a_reset_of_the_state_lets_time_go_on(graph, client, standard, scope):
     scopes = standard.srv.ResetSimulation.Request
     result = standard.call('ResetSimulation', once=True, scope=getattr(scopes, scope)).result
     assert result.result == standard.results.RESULT_OK
-    for refused in (scopes.SCOPE_TIME, scopes.SCOPE_ALL, scopes.SCOPE_SPAWNED,
-                    scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
+    for refused in (
+        scopes.SCOPE_TIME,
+        scopes.SCOPE_ALL,
+        scopes.SCOPE_SPAWNED,
+        scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED,
+    ):
         refusal = standard.call('ResetSimulation', scope=refused).result
         assert refusal.result == standard.results.RESULT_FEATURE_UNSUPPORTED
         assert f'scope = {refused}' in refusal.error_message
@@ -174,7 +203,8 @@ def test_a_reset_of_the_state_lets_time_go_on(graph, client, standard, scope):
 def test_there_is_nothing_to_reset_before_the_first_state(graph, standard):
     graph.start('plant_simulator', wait_for_recorder=True)
     result = standard.call(
-        'ResetSimulation', scope=standard.srv.ResetSimulation.Request.SCOPE_STATE).result
+        'ResetSimulation', scope=standard.srv.ResetSimulation.Request.SCOPE_STATE
+    ).result
     assert result.result == standard.results.RESULT_INCORRECT_STATE
     assert result.error_message == 'scope = 2: there is no run yet'
 
@@ -205,7 +235,8 @@ def test_quitting_ends_a_run_at_full_speed_with_a_whole_recording(graph, client,
 
 
 def test_while_the_end_waits_for_a_command_the_run_is_quitting_and_nothing_else(
-        graph, client, standard):
+    graph, client, standard
+):
     plant = start_plant(graph, command_timeout=60.0)
     publisher = client.node.create_publisher(JointState, '/joint_commands', 10)
     seen = client.listen('/joint_states', JointState)
@@ -213,13 +244,16 @@ def test_while_the_end_waits_for_a_command_the_run_is_quitting_and_nothing_else(
     states, results = standard.states, standard.results
     codes = standard.srv.SetSimulationState.Response
     assert standard.set(states.STATE_QUITTING).result in (
-        results.RESULT_OK, codes.ALREADY_IN_TARGET_STATE)
+        results.RESULT_OK,
+        codes.ALREADY_IN_TARGET_STATE,
+    )
     assert standard.state == states.STATE_QUITTING
     assert standard.set(states.STATE_QUITTING).result == codes.ALREADY_IN_TARGET_STATE
     for refusal, code in (
-            (standard.set(states.STATE_PAUSED), codes.INCORRECT_TRANSITION),
-            (standard.call('StepSimulation').result, results.RESULT_OPERATION_FAILED),
-            (standard.call('ResetSimulation').result, results.RESULT_INCORRECT_STATE)):
+        (standard.set(states.STATE_PAUSED), codes.INCORRECT_TRANSITION),
+        (standard.call('StepSimulation').result, results.RESULT_OPERATION_FAILED),
+        (standard.call('ResetSimulation').result, results.RESULT_INCORRECT_STATE),
+    ):
         assert refusal.result == code
         assert 'is refused: the run is ending' in refusal.error_message
     command = JointState(header=seen[0].header, name=['axis'], effort=[0.0])
@@ -252,7 +286,8 @@ def test_quitting_ends_a_plant_whose_controller_is_gone(graph, client, standard)
 
 def test_without_the_package_a_plant_offers_its_own_services_and_says_nothing(graph, client):
     plant = graph.start(
-        'python', '-c', f'import sys; sys.modules["simulation_interfaces"] = None\n{PLANT}')
+        'python', '-c', f'import sys; sys.modules["simulation_interfaces"] = None\n{PLANT}'
+    )
     assert offered(client, *OURS) == OURS
     assert client.call('/plant_simulator/pause', SetBool, data=True).success
     assert plant.interrupt() == 0, plant.output

@@ -50,26 +50,49 @@ print(json.dumps([core, allowed]))
 
 def said_by(code, folder, **environment):
     """Return what Python says that runs ``code`` with no ROS variable but ``environment``."""
-    inherited = {name: value for name, value in os.environ.items()
-                 if not name.startswith(('ROS_', 'RMW_', 'FAST'))}
+    inherited = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(('ROS_', 'RMW_', 'FAST'))
+    }
     domain, claim = free_domain()
     with claim:
         return subprocess.run(
-            [sys.executable, '-c', code], env=inherited | {'ROS_DOMAIN_ID': str(domain)}
-            | environment, cwd=folder, preexec_fn=die_with_parent, capture_output=True,
-            text=True, check=True, timeout=120).stdout
+            [sys.executable, '-c', code],
+            env=inherited | {'ROS_DOMAIN_ID': str(domain)} | environment,
+            cwd=folder,
+            preexec_fn=die_with_parent,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=120,
+        ).stdout
 
 
-@pytest.mark.parametrize('environment', [
-    {}, {RANGE: 'SUBNET'}, {RANGE: 'LOCALHOST'}, {RANGE: 'SYSTEM_DEFAULT'},
-    {'ROS_LOCALHOST_ONLY': '1'}], ids=str)
+@pytest.mark.parametrize(
+    'environment',
+    [
+        {},
+        {RANGE: 'SUBNET'},
+        {RANGE: 'LOCALHOST'},
+        {RANGE: 'SYSTEM_DEFAULT'},
+        {'ROS_LOCALHOST_ONLY': '1'},
+    ],
+    ids=str,
+)
 def test_a_process_for_which_nothing_is_chosen_maps_no_shared_memory(environment, tmp_path):
     assert 'shared memory: False' in said_by(NODE, tmp_path, **environment)
 
 
-@pytest.mark.parametrize('environment', [
-    {PROFILES[0]: 'theirs.xml'}, {PROFILES[0]: 'theirs.xml', RANGE: 'LOCALHOST'},
-    {TRANSPORTS: 'DEFAULT'}], ids=str)
+@pytest.mark.parametrize(
+    'environment',
+    [
+        {PROFILES[0]: 'theirs.xml'},
+        {PROFILES[0]: 'theirs.xml', RANGE: 'LOCALHOST'},
+        {TRANSPORTS: 'DEFAULT'},
+    ],
+    ids=str,
+)
 def test_a_process_keeps_the_transport_that_its_user_has_chosen(environment, tmp_path):
     (tmp_path / 'theirs.xml').write_text(PROFILE)
     assert 'shared memory: True' in said_by(NODE, tmp_path, **environment)
@@ -84,7 +107,8 @@ def test_variables_of_the_user_are_left_alone(name, tmp_path, monkeypatch):
 
 
 def test_a_profile_in_the_working_directory_and_other_middleware_are_left_alone(
-        tmp_path, monkeypatch):
+    tmp_path, monkeypatch
+):
     environment = {RANGE: 'LOCALHOST'}
     prefer_udp('rmw_cyclonedds_cpp', environment)
     monkeypatch.chdir(tmp_path)

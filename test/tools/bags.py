@@ -22,10 +22,17 @@ from test.files.test_bag import RUN, START, STEP, STORE, topic
 PLANT, CONTROLLER = '/plant_simulator', '/controller#4567'
 STATES, EVENTS, COMMANDS, PARAMETERS, DAMPING = range(1, 6)
 WALL = 1_790_000_000 * 10**9
-TOPICS = {STATES: '/joint_states', EVENTS: '/impulse_events', COMMANDS: '/joint_commands',
-          PARAMETERS: '/run_parameters', DAMPING: '/damping'}
+TOPICS = {
+    STATES: '/joint_states',
+    EVENTS: '/impulse_events',
+    COMMANDS: '/joint_commands',
+    PARAMETERS: '/run_parameters',
+    DAMPING: '/damping',
+}
 TYPES = dict.fromkeys(TOPICS, 'sensor_msgs/msg/JointState') | {
-    PARAMETERS: TYPE, DAMPING: 'std_msgs/msg/Float64'}
+    PARAMETERS: TYPE,
+    DAMPING: 'std_msgs/msg/Float64',
+}
 
 
 def experiment(name):
@@ -38,8 +45,10 @@ def state_layout(run, episode=0, controller='', fields=FIELDS):
 
 def command_layouts(run, episode, author, fields):
     """Return a layout by guard."""
-    return [JointStateLayout('axis', CommandHeader(run, episode, author, guard).frame_id, fields)
-            for guard in GUARDS]
+    return [
+        JointStateLayout('axis', CommandHeader(run, episode, author, guard).frame_id, fields)
+        for guard in GUARDS
+    ]
 
 
 def told(node, values, changed=(), tick=0, run=RUN):
@@ -47,14 +56,19 @@ def told(node, values, changed=(), tick=0, run=RUN):
     at = stamp(tick, START, STEP)
     ns = at[0] * 10**9 + at[1]
     changed = {name: values[name] for name in changed}
-    return ns, PARAMETERS, encode_parameter_event(
-        *at, NodeHeader(run, node).frame_id, values, changed)
+    return (
+        ns,
+        PARAMETERS,
+        encode_parameter_event(*at, NodeHeader(run, node).frame_id, values, changed),
+    )
 
 
 def all_told(made, run=RUN, tick=0):
     """Return the parameters of both nodes of an experiment, at the start of a run."""
-    return [told(PLANT, made.plant_simulator.flat(), tick=tick, run=run),
-            told(CONTROLLER, made.controller.flat(), tick=tick, run=run)]
+    return [
+        told(PLANT, made.plant_simulator.flat(), tick=tick, run=run),
+        told(CONTROLLER, made.controller.flat(), tick=tick, run=run),
+    ]
 
 
 def entries(simulated, first=0, run=RUN, episode=0, author=CONTROLLER, named=None, applied=0.0):
@@ -69,16 +83,25 @@ def entries(simulated, first=0, run=RUN, episode=0, author=CONTROLLER, named=Non
     applied = np.append(applied, simulated.effort[:-1])
     fired = {int(event['tick']): event for event in simulated.events}
     states = [state_layout(run, episode, one) for one in (named, author)]
-    events, commands = (command_layouts(run, episode, author, fields)
-                        for fields in (FIELDS, ('effort',)))
+    events, commands = (
+        command_layouts(run, episode, author, fields) for fields in (FIELDS, ('effort',))
+    )
     for k in range(len(simulated.time)):
         sec, nanosec = at = stamp(first + k, START, STEP)
         ns, event = sec * 10**9 + nanosec, fired.get(k)
-        yield ns, STATES, states[k > 0].encode(
-            *at, simulated.position[k], simulated.velocity[k], applied[k])
+        yield (
+            ns,
+            STATES,
+            states[k > 0].encode(*at, simulated.position[k], simulated.velocity[k], applied[k]),
+        )
         if event is not None:
-            yield ns, EVENTS, events[event['guard']].encode(
-                *at, event['position'], event['velocity'], event['area'])
+            yield (
+                ns,
+                EVENTS,
+                events[event['guard']].encode(
+                    *at, event['position'], event['velocity'], event['area']
+                ),
+            )
         guard = event['guard'] if event is not None else 0
         yield ns, COMMANDS, commands[guard].encode(*at, simulated.effort[k])
         if varies and k % 10 == 0 and k:
@@ -90,13 +113,28 @@ def computed(pieces, count):
     states, answers = run_again(count, pieces)
     for _, span in spans(pieces, count):
         answer, state = answers[span], states[span]
-        events = [{'tick': k, 'guard': answer['guard'][k], 'area': answer['area'][k],
-                   'position': state['position'][k], 'velocity': answer['velocity'][k]}
-                  for k in np.flatnonzero(answer['guard'])]
-        yield span.start, SimpleNamespace(
-            time=np.arange(len(state)), position=state['position'], velocity=state['velocity'],
-            effort=answer['effort'], damping=state['damping'][1:], events=events), (
-            state['effort'][0])
+        events = [
+            {
+                'tick': k,
+                'guard': answer['guard'][k],
+                'area': answer['area'][k],
+                'position': state['position'][k],
+                'velocity': answer['velocity'][k],
+            }
+            for k in np.flatnonzero(answer['guard'])
+        ]
+        yield (
+            span.start,
+            SimpleNamespace(
+                time=np.arange(len(state)),
+                position=state['position'],
+                velocity=state['velocity'],
+                effort=answer['effort'],
+                damping=state['damping'][1:],
+                events=events,
+            ),
+            (state['effort'][0]),
+        )
 
 
 def recorded_elsewhere(folder, messages):
@@ -121,17 +159,29 @@ def begun(folder, made, compression='zstd', run=RUN, told_by=None):
     writer = BagWriter(folder, compression)
     for number, name in TOPICS.items():
         writer.add_topic(topic(name, TYPES[number]))
-    writer.add_metadata(PACKAGE, {
-        'version': __version__, 'run': run,
-        **{name.strip('/'): name for number, name in TOPICS.items() if number != DAMPING}})
+    writer.add_metadata(
+        PACKAGE,
+        {
+            'version': __version__,
+            'run': run,
+            **{name.strip('/'): name for number, name in TOPICS.items() if number != DAMPING},
+        },
+    )
     writer.write(all_told(made, run) if told_by is None else told_by)
     return writer
 
 
 def finished(writer):
-    writer.add_metadata('recording', {
-        'messages': str(writer.count), 'missing': '0', 'repeated': '0', 'foreign': '0',
-        'wall_seconds': '1.000000'})
+    writer.add_metadata(
+        'recording',
+        {
+            'messages': str(writer.count),
+            'missing': '0',
+            'repeated': '0',
+            'foreign': '0',
+            'wall_seconds': '1.000000',
+        },
+    )
     writer.close()
     return writer.folder
 
@@ -139,8 +189,11 @@ def finished(writer):
 def recorded(folder, name, duration=2.0, axis=None, **gains):
     """Simulate an experiment with other gains into a bag; returns (bag, run)."""
     made = experiment(name)
-    made = replace(made, controller=replace(made.controller, **gains),
-                   plant_simulator=replace(made.plant_simulator, **(axis or {})))
+    made = replace(
+        made,
+        controller=replace(made.controller, **gains),
+        plant_simulator=replace(made.plant_simulator, **(axis or {})),
+    )
     run = simulate(made.plant_simulator, made.controller, duration)
     writer = begun(folder, made)
     writer.write(entries(run))

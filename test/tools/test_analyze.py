@@ -62,14 +62,23 @@ def bag(tmp_path_factory):
 @pytest.mark.parametrize('name', ['underdamped', 'pd_only_lower', 'time_varying', 'coulomb'])
 def test_the_figures_of_a_bag_are_those_of_its_simulation(tmp_path, capsys, name):
     path, run = recorded(tmp_path / name, name, 1.3)
-    got, = responses(capsys, path)
+    (got,) = responses(capsys, path)
     error = run.position - experiment(name).controller.x_r
     expected = figures(run.time, error, run.velocity, run.effort, run.events, (1e-2, 1e-3))[0]
-    for key, value in zip(('settling_time_0.01', 'settling_time_0.001'),
-                          expected['settling_time'], strict=True):
+    for key, value in zip(
+        ('settling_time_0.01', 'settling_time_0.001'), expected['settling_time'], strict=True
+    ):
         assert got[key] == (None if np.isnan(value) else pytest.approx(value, rel=1e-12))
-    for key in ('overshoot', 'iae', 'ise', 'final_error', 'peak_velocity', 'impulse_area',
-                'peak_effort', *COUNTS):
+    for key in (
+        'overshoot',
+        'iae',
+        'ise',
+        'final_error',
+        'peak_velocity',
+        'impulse_area',
+        'peak_effort',
+        *COUNTS,
+    ):
         assert got[key] == pytest.approx(expected[key], rel=1e-9), key
     for guard in COUNTS:
         area = np.abs(run.events['area'][run.events['guard'] == GUARDS.index(guard)]).sum()
@@ -78,38 +87,42 @@ def test_the_figures_of_a_bag_are_those_of_its_simulation(tmp_path, capsys, name
     assert (got['impulses'], got['missing']) == (len(run.events), 0)
 
 
-@pytest.mark.parametrize(('name', 'axis'), [
-    ('underdamped', {}), ('time_varying', {}), ('coulomb', {'x_0': 0.4})])
+@pytest.mark.parametrize(
+    ('name', 'axis'), [('underdamped', {}), ('time_varying', {}), ('coulomb', {'x_0': 0.4})]
+)
 def test_the_work_is_the_kinetic_energy_and_what_damping_and_friction_take(
-        tmp_path, capsys, name, axis):
+    tmp_path, capsys, name, axis
+):
     path, run = recorded(tmp_path / name, name, 0.5, axis)
     plant = experiment(name).plant_simulator
-    got, = responses(capsys, path)
+    (got,) = responses(capsys, path)
     middle = 0.5 * (run.velocity[1:] + run.velocity[:-1])
     taken = np.sum((run.damping * middle**2 + plant.F_c * np.abs(middle)) * plant.time_step)
-    kinetic = 0.5 * plant.m * (run.velocity[-1]**2 - run.velocity[0]**2)
+    kinetic = 0.5 * plant.m * (run.velocity[-1] ** 2 - run.velocity[0] ** 2)
     assert got['work'] == pytest.approx(kinetic + taken, rel=2e-2)
     fired = run.events['tick']
-    jumps = 0.5 * plant.m * np.sum(run.velocity[fired + 1]**2 - run.velocity[fired]**2)
+    jumps = 0.5 * plant.m * np.sum(run.velocity[fired + 1] ** 2 - run.velocity[fired] ** 2)
     assert got['impulse_work'] == pytest.approx(jumps, rel=1e-1)
 
 
 @pytest.mark.parametrize('limit', [0.0, 100.0, 20.0])
 def test_impulses_are_told_from_the_feedback_whatever_the_effort_limit(tmp_path, capsys, limit):
     path, run = recorded(tmp_path / 'run', 'underdamped', 0.5, effort_limit=limit)
-    got, = responses(capsys, path)
+    (got,) = responses(capsys, path)
     assert got['peak_effort'] == np.abs(run.effort).max()
     assert got['peak_feedback'] == pytest.approx(5.0)
     gains = experiment('underdamped').controller
-    feedback = np.clip(-gains.K * run.position - gains.D * run.velocity,
-                       *((-limit, limit) if limit else (-np.inf, np.inf)))
+    feedback = np.clip(
+        -gains.K * run.position - gains.D * run.velocity,
+        *((-limit, limit) if limit else (-np.inf, np.inf)),
+    )
     rest = run.effort - feedback
     assert got['impulse_work'] == pytest.approx(work(run.position, rest), rel=1e-9)
 
 
 def test_pd_alone_sticks_where_friction_holds_it(tmp_path, capsys):
     path, run = recorded(tmp_path / 'run', 'coulomb', 1.0, impulses=False)
-    got, = responses(capsys, path)
+    (got,) = responses(capsys, path)
     stands = np.flatnonzero(run.velocity != 0.0)[-1] + 1
     assert got['stuck'] == 1
     assert got['stuck_time'] == pytest.approx(1.0 - run.time[stands])
@@ -125,12 +138,16 @@ def stepped(tmp_path):
     made = experiment('underdamped')
     first = simulate(made.plant_simulator, made.controller, 0.5)
     axis = type(made.plant_simulator)(
-        **{name: getattr(made.plant_simulator, name)
-           for name in made.plant_simulator.__dataclass_fields__} | {
-               'x_0': float(first.position[-1]), 'v_0': float(first.velocity[-1])})
+        **{
+            name: getattr(made.plant_simulator, name)
+            for name in made.plant_simulator.__dataclass_fields__
+        }
+        | {'x_0': float(first.position[-1]), 'v_0': float(first.velocity[-1])}
+    )
     gains = type(made.controller)(
-        **{name: getattr(made.controller, name)
-           for name in made.controller.__dataclass_fields__} | {'x_r': 0.2})
+        **{name: getattr(made.controller, name) for name in made.controller.__dataclass_fields__}
+        | {'x_r': 0.2}
+    )
     second = simulate(axis, gains, 0.7)
     writer = begun(tmp_path / 'stepped', made)
     writer.write(entry for entry in entries(first) if entry[0] < START + 500_000_000)
@@ -141,11 +158,12 @@ def stepped(tmp_path):
 
 def test_the_last_response_is_judged_from_its_set_point_change_on(stepped, capsys):
     path, _, second = stepped
-    got, = responses(capsys, path)
+    (got,) = responses(capsys, path)
     assert (got['bag'], got['start'], got['end']) == ('stepped', 0.5, 1.2)
     error = second.position - 0.2
-    expected = figures(second.time, error, second.velocity, second.effort, second.events,
-                       (1e-2, 1e-3))[0]
+    expected = figures(
+        second.time, error, second.velocity, second.effort, second.events, (1e-2, 1e-3)
+    )[0]
     assert got['settling_time_0.01'] == pytest.approx(expected['settling_time'][0])
     assert got['overshoot'] == expected['overshoot']
     assert got['iae'] == pytest.approx(expected['iae'], rel=1e-9)
@@ -158,7 +176,9 @@ def test_all_responses_of_a_bag_are_judged_one_by_one(stepped, capsys):
     got = responses(capsys, path, '--all')
     assert [item['bag'] for item in got] == ['stepped:1', 'stepped:2']
     assert [item['impulses'] for item in got] == [
-        np.count_nonzero(first.events['tick'] < 5000), len(second.events)]
+        np.count_nonzero(first.events['tick'] < 5000),
+        len(second.events),
+    ]
     assert got[0]['settling_time_0.01'] == pytest.approx(0.1186)
     assert [item['samples'] for item in got] == [5000, 7001]
 
@@ -183,9 +203,11 @@ def test_missing_samples_are_counted_and_do_not_shift_the_time(tmp_path, capsys)
     lost = {START + k * 100_000 for k in range(700, 800)}
     writer.write(entry for entry in entries(run) if entry[0] not in lost)
     code, out, err = analyzed(capsys, finished(writer), '--format', 'json')
-    assert (code, err) == (0, [
-        f'analyze: warning: {tmp_path}/run: incomplete: 100 states are missing'])
-    got, = json.loads(out)
+    assert (code, err) == (
+        0,
+        [f'analyze: warning: {tmp_path}/run: incomplete: 100 states are missing'],
+    )
+    (got,) = json.loads(out)
     assert got['missing'] == 100
     assert got['settling_time_0.01'] == pytest.approx(1.1145)
     assert got['iae'] == pytest.approx(0.11116, rel=1e-3)
@@ -197,7 +219,7 @@ def test_missing_samples_are_counted_and_do_not_shift_the_time(tmp_path, capsys)
 def test_the_formats_hold_the_same_figures(bag, capsys):
     code, text, err = analyzed(capsys, bag)
     assert (code, err) == (0, [])
-    exact, = responses(capsys, bag)
+    (exact,) = responses(capsys, bag)
     rows = list(csv.DictReader(analyzed(capsys, bag, '--format', 'csv')[1].splitlines()))
     assert len(rows) == 1
     assert list(rows[0]) == list(exact) == ['bag', 'path', *FIGURES]
@@ -214,7 +236,7 @@ def test_what_never_settles_is_never_and_null_and_empty(tmp_path, capsys):
     path, _ = recorded(tmp_path / 'run', 'pd_only_lower', 0.1)
     assert 'never' in analyzed(capsys, path)[1]
     assert responses(capsys, path)[0]['settling_time_0.01'] is None
-    row, = csv.DictReader(analyzed(capsys, path, '--format', 'csv')[1].splitlines())
+    (row,) = csv.DictReader(analyzed(capsys, path, '--format', 'csv')[1].splitlines())
     assert row['settling_time_0.01'] == ''
 
 
@@ -257,19 +279,27 @@ def test_a_figure_is_drawn_the_same_again(tmp_path, capsys, bag, suffix, magic):
 def of_a_robot(folder, positions):
     """Return the bag of a driver that measures positions only."""
     layout = JointStateLayout('axis', 'base', ('position',))
-    return recorded_elsewhere(folder, sent(
-        (START, STATES, layout.encode(1, k * 10**6, position))
-        for k, position in enumerate(positions)))
+    return recorded_elsewhere(
+        folder,
+        sent(
+            (START, STATES, layout.encode(1, k * 10**6, position))
+            for k, position in enumerate(positions)
+        ),
+    )
 
 
 def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
     bag = of_a_robot(tmp_path / 'bag', np.linspace(0.5, 0.0, 100))
     file = tmp_path / 'figure.png'
     code, out, err = analyzed(capsys, bag, '--figure', file)
-    assert (code, err) == (0, [
-        f'analyze: warning: {bag}: incomplete: there are no commands',
-        f'analyze: warning: {bag}: no node tells its set-point x_r: 0 m is taken',
-        f'analyze: wrote {file}'])
+    assert (code, err) == (
+        0,
+        [
+            f'analyze: warning: {bag}: incomplete: there are no commands',
+            f'analyze: warning: {bag}: no node tells its set-point x_r: 0 m is taken',
+            f'analyze: wrote {file}',
+        ],
+    )
     assert re.search(r'peak velocity \[m/s\] +unknown', out)
     assert responses(capsys, bag)[0]['peak_velocity'] is None
 
@@ -277,13 +307,20 @@ def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_states_without_a_position_are_left_out_with_a_warning(tmp_path, capsys, value):
     moves = 0.5 * np.exp(-np.arange(600) / 50) * np.cos(np.arange(600) / 20)
-    bags = [of_a_robot(tmp_path / name, positions) for name, positions in (
-        ('whole', moves[5:]), ('bag', np.where(np.arange(600) < 5, value, moves)))]
+    bags = [
+        of_a_robot(tmp_path / name, positions)
+        for name, positions in (
+            ('whole', moves[5:]),
+            ('bag', np.where(np.arange(600) < 5, value, moves)),
+        )
+    ]
     expected, got = responses(capsys, *bags)
     for name in ('overshoot', 'iae', 'settling_time_0.01', 'samples'):
         assert got[name] == pytest.approx(expected[name])
-    assert (f'analyze: warning: {bags[1]}: 5 states without a finite position, or with an '
-            'infinite velocity, are left out') in analyzed(capsys, bags[1])[2]
+    assert (
+        f'analyze: warning: {bags[1]}: 5 states without a finite position, or with an '
+        'infinite velocity, are left out'
+    ) in analyzed(capsys, bags[1])[2]
 
 
 def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
@@ -292,18 +329,31 @@ def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
     writer = begun(tmp_path / 'bag', made)
     writer.write(entry for entry in entries(run) if entry[0] >= START + 10**8)
     code, _, err = analyzed(capsys, finished(writer))
-    assert (code, err) == (0, [
-        f'analyze: warning: {tmp_path}/bag: incomplete: the bag begins in mid-run, at '
-        '1.100000000 s; the controller may already have been active'])
+    assert (code, err) == (
+        0,
+        [
+            f'analyze: warning: {tmp_path}/bag: incomplete: the bag begins in mid-run, at '
+            '1.100000000 s; the controller may already have been active'
+        ],
+    )
 
 
 def test_a_run_of_several_is_analysed_by_its_name(tmp_path, capsys):
     made = experiment('underdamped')
-    runs = {name: simulate(made.plant_simulator, made.controller, seconds)
-            for name, seconds in (('0123abcd', 0.02), ('89abcdef', 0.03))}
-    bag = recorded_elsewhere(tmp_path / 'bag', (
-        message for number, (name, run) in enumerate(runs.items()) for message in sent(
-            [*all_told(made, name), *entries(run, run=name)], (number + 1) * 10**15)))
+    runs = {
+        name: simulate(made.plant_simulator, made.controller, seconds)
+        for name, seconds in (('0123abcd', 0.02), ('89abcdef', 0.03))
+    }
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        (
+            message
+            for number, (name, run) in enumerate(runs.items())
+            for message in sent(
+                [*all_told(made, name), *entries(run, run=name)], (number + 1) * 10**15
+            )
+        ),
+    )
     assert responses(capsys, bag)[0]['samples'] == 301
     assert responses(capsys, bag, '--run', '0123abcd')[0]['samples'] == 201
     code, out, err = analyzed(capsys, bag, '--run', 'x')
@@ -334,7 +384,7 @@ def flipped(path, bag):
 
 def cut_before_a_chunk(path, bag):
     data = whole(bag)
-    path.write_bytes(data[:data.index(b'/impulse_events') + 50])
+    path.write_bytes(data[: data.index(b'/impulse_events') + 50])
 
 
 def with_topic(name, kind, raw):
@@ -342,12 +392,14 @@ def with_topic(name, kind, raw):
         writer = BagWriter(path)
         writer.write([(START, writer.add_topic(topic(name, kind)), raw)])
         writer.close()
+
     return make
 
 
 def one_state(path, bag):
     with_topic('/joint_states', 'sensor_msgs/msg/JointState', STATE.encode(1, 0, 0, 0, 0))(
-        path, bag)
+        path, bag
+    )
 
 
 def another_joint(path, bag):
@@ -368,11 +420,14 @@ BAD = {
     'truncated in its head': (cut_before_a_chunk, 'there are 0 states'),
     'no messages': (without_messages, 'there are 0 states'),
     'one state': (one_state, 'there are 1 states'),
-    'no topics of ours': (with_topic('/odom', 'std_msgs/msg/Float64', encode_float64(1.0)),
-                          'no joint_states .* /odom \\(std_msgs/msg/Float64\\)'),
+    'no topics of ours': (
+        with_topic('/odom', 'std_msgs/msg/Float64', encode_float64(1.0)),
+        'no joint_states .* /odom \\(std_msgs/msg/Float64\\)',
+    ),
     'our topic of another type': (
         with_topic('/joint_states', 'std_msgs/msg/Float64', encode_float64(1.0)),
-        'no joint_states .* /joint_states \\(std_msgs/msg/Float64\\)'),
+        'no joint_states .* /joint_states \\(std_msgs/msg/Float64\\)',
+    ),
     'another joint': (another_joint, "no joint_states of joint 'axis'"),
 }
 
@@ -383,8 +438,9 @@ def test_a_bad_bag_is_refused_in_one_line_and_nothing_is_written(tmp_path, capsy
     path = tmp_path / 'bad'
     make(path, bag)
     before = {item: item.stat().st_mtime_ns for item in tmp_path.rglob('*')}
-    code, out, err = analyzed(capsys, bag, path, '--report', tmp_path / 'r.html',
-                              '--figure', tmp_path / 'f.png')
+    code, out, err = analyzed(
+        capsys, bag, path, '--report', tmp_path / 'r.html', '--figure', tmp_path / 'f.png'
+    )
     assert (code, out) == (2, '')
     line = err[-1]
     assert line.startswith('analyze: ')
@@ -395,10 +451,11 @@ def test_a_bad_bag_is_refused_in_one_line_and_nothing_is_written(tmp_path, capsy
 
 
 @settings(max_examples=150, deadline=None)
-@given(place=st.one_of(st.floats(0.0, 1.0, exclude_max=True),
-                       st.floats(0.97, 1.0, exclude_max=True)), bit=st.integers(0, 7))
-def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(
-        tmp_path_factory, bag, place, bit):
+@given(
+    place=st.one_of(st.floats(0.0, 1.0, exclude_max=True), st.floats(0.97, 1.0, exclude_max=True)),
+    bit=st.integers(0, 7),
+)
+def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(tmp_path_factory, bag, place, bit):
     data = whole(bag)
     data[int(place * len(data))] ^= 1 << bit
     path = tmp_path_factory.mktemp('flip') / 'bad.mcap'
@@ -416,12 +473,17 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(
         assert (got.parameters, got.changes) == (expected.parameters, expected.changes)
 
 
-@pytest.mark.parametrize(('arguments', 'why'), [
-    ([], 'BAG'), (['{bag}', '--format', 'xml'], 'xml'), (['{bag}', '{bag}'], 'given twice'),
-    (['{bag}', '--report', 'r.pdf'], r'r.pdf: .* \.html'),
-    (['{bag}', '--figure', 'f.gif'], r'f.gif: .* \.pdf or \.png'),
-    (['{bag}', '--report', '/nowhere/r.html'], 'folder does not exist'),
-])
+@pytest.mark.parametrize(
+    ('arguments', 'why'),
+    [
+        ([], 'BAG'),
+        (['{bag}', '--format', 'xml'], 'xml'),
+        (['{bag}', '{bag}'], 'given twice'),
+        (['{bag}', '--report', 'r.pdf'], r'r.pdf: .* \.html'),
+        (['{bag}', '--figure', 'f.gif'], r'f.gif: .* \.pdf or \.png'),
+        (['{bag}', '--report', '/nowhere/r.html'], 'folder does not exist'),
+    ],
+)
 def test_a_bad_command_line_is_refused_in_one_line(capsys, bag, arguments, why):
     code, out, err = analyzed(capsys, *(item.format(bag=bag) for item in arguments))
     assert (code, out, len(err)) == (2, '', 1)
@@ -436,15 +498,16 @@ def test_a_cut_off_bag_is_analysed_up_to_its_last_whole_chunk(tmp_path, capsys):
     path, run = recorded(tmp_path / 'run', 'time_varying', 2.0)
     data = whole(path)
     cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(data[:len(data) * 2 // 3])
+    cut.write_bytes(data[: len(data) * 2 // 3])
     code, out, err = analyzed(capsys, cut, '--format', 'json')
-    got, = json.loads(out)
+    (got,) = json.loads(out)
     count = got['samples']
     assert code == 0
     assert 4000 < count < 20_001
-    line, = err
-    assert line.startswith(f'analyze: warning: {cut} was cut off: {count} samples '
-                           f'({(count - 1) * 1e-4:g} s)')
+    (line,) = err
+    assert line.startswith(
+        f'analyze: warning: {cut} was cut off: {count} samples ({(count - 1) * 1e-4:g} s)'
+    )
     unread = int(line.split('; ')[1].split()[0])
     # what is read of the file without these bytes is the same, and nothing is left over
     cut.write_bytes(cut.read_bytes()[:-unread])
@@ -456,8 +519,15 @@ def test_a_cut_off_bag_is_analysed_up_to_its_last_whole_chunk(tmp_path, capsys):
 
 def test_the_bag_of_a_killed_recorder_is_analysed_with_a_warning(graph, capsys):
     bag = graph.folder / 'killed'
-    process = graph.start('closed_loop', '--ros-args', '-p', f'recorder:bag:={bag}', '-p',
-                          'plant_simulator:duration:=100.0', config=CONFIG / 'underdamped.yaml')
+    process = graph.start(
+        'closed_loop',
+        '--ros-args',
+        '-p',
+        f'recorder:bag:={bag}',
+        '-p',
+        'plant_simulator:duration:=100.0',
+        config=CONFIG / 'underdamped.yaml',
+    )
     file = bag / 'killed_0.mcap'
     wait_for(lambda: file.exists() and file.stat().st_size > 100_000, 'some chunks in the bag')
     process.send(signal.SIGKILL)
@@ -465,6 +535,6 @@ def test_the_bag_of_a_killed_recorder_is_analysed_with_a_warning(graph, capsys):
     code, out, err = analyzed(capsys, bag, '--format', 'json')
     assert code == 0
     assert 'was cut off' in err[0]
-    got, = json.loads(out)
+    (got,) = json.loads(out)
     assert got['samples'] > 2000
     assert got['missing'] == 0

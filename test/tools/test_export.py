@@ -13,8 +13,14 @@ def export(tmp_path):
     started = []
 
     def run(*arguments):
-        started.append(Process('export_bag', [str(BIN / 'export_bag'), *map(str, arguments)],
-                               tmp_path / f'{len(started)}.log', {}))
+        started.append(
+            Process(
+                'export_bag',
+                [str(BIN / 'export_bag'), *map(str, arguments)],
+                tmp_path / f'{len(started)}.log',
+                {},
+            )
+        )
         return started[-1]
 
     yield run
@@ -34,8 +40,7 @@ def test_a_bag_becomes_a_csv_file_and_replaces_the_one_before(export, recorded, 
     file = tmp_path / 'run.csv'
     for bag in ('left', 'underdamped'):
         assert export(recorded / bag, file).wait() == 0
-    assert (pd.read_csv(file)['position'] == to_pandas(
-        recorded / 'underdamped')['position']).all()
+    assert (pd.read_csv(file)['position'] == to_pandas(recorded / 'underdamped')['position']).all()
 
 
 def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_path):
@@ -43,9 +48,10 @@ def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_p
 
 
 def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
-        export, recorded, tmp_path):
+    export, recorded, tmp_path
+):
     whole = (recorded / 'left' / 'left_0.mcap').read_bytes()
-    (tmp_path / 'cut.mcap').write_bytes(whole[:len(whole) // 2])
+    (tmp_path / 'cut.mcap').write_bytes(whole[: len(whole) // 2])
     process = export(tmp_path / 'cut.mcap', tmp_path / 'run.parquet')
     assert process.wait() == 0
     assert 'cut.mcap was cut off; ' in process.output
@@ -58,15 +64,19 @@ def test_a_bag_that_was_cut_off_is_exported_as_far_as_it_goes_with_a_warning(
     assert first.equals(same.assign(damping=same['damping'].where(first['damping'].notna())))
 
 
-@pytest.mark.parametrize(('bag', 'file', 'said'), [
-    ('left', 'run.xlsx', 'run.xlsx: must end in .parquet or .csv'),
-    ('left', 'none/run.csv', 'none/run.csv: must be a file in a folder that exists'),
-    ('nothing', 'run.csv', "nothing' does not exist"),
-    ('broken.mcap', 'run.csv', 'broken.mcap: '),
-    ('empty', 'run.csv', "empty' has no samples"),
-])
+@pytest.mark.parametrize(
+    ('bag', 'file', 'said'),
+    [
+        ('left', 'run.xlsx', 'run.xlsx: must end in .parquet or .csv'),
+        ('left', 'none/run.csv', 'none/run.csv: must be a file in a folder that exists'),
+        ('nothing', 'run.csv', "nothing' does not exist"),
+        ('broken.mcap', 'run.csv', 'broken.mcap: '),
+        ('empty', 'run.csv', "empty' has no samples"),
+    ],
+)
 def test_bad_input_is_one_line_that_names_it_and_leaves_no_file(
-        export, recorded, tmp_path, bag, file, said):
+    export, recorded, tmp_path, bag, file, said
+):
     bags = {name: tmp_path / name for name in ('broken.mcap', 'empty')}
     bags['broken.mcap'].write_bytes(b'no bag at all')
     BagWriter(bags['empty']).close()

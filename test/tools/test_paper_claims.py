@@ -79,75 +79,94 @@ FASTEST = max(-motion(d_low, 0.5, -0.5 * JUMP, T1 * i / 1e4)[1] for i in range(1
 PD_FASTEST = max(-motion(d_low, 0.5, 0.0, 0.2 * i / 1e4)[1] for i in range(10_001))
 
 
-@pytest.mark.parametrize(('key', 'at', 'value', 'truth', 'tolerance'), [
-    ('one successor', 0, 0, -0.5 * JUMP, 1e-12),
-    ('one successor', 1, 0, 0.2, 1e-12),
-    ('one successor', 1, 1, 10, 0),
-    ('alpha stops', 0, 0, T1, 1e-12),
-    ('alpha stops', 1, 0, T1, 3e-4),
-    ('alpha too small', 0, 0, T1, 1e-12),
-    ('alpha too small', 1, 0, -0.2 * 0.5 * bounce(), 1e-12),
-    ('alpha cycles', 0, 0, T1, 1e-12),
-    ('alpha cycles', 1, 0, bounce(), 1e-9),
-    # D acts over the whole sample of a reversal, d on its two halves against each other
-    ('alpha cycles', 2, 0, D / m, 2e-2),
-    ('alpha range', 0, 0, T1, 1e-12),
-    ('alpha range', 1, 0, 0.9 * bounce(), 1e-9),
-    ('alpha range', 2, 0, T1, 3e-4),
-    ('critical', 0, 0, 4 * m * K, 1e-12),
-    ('critical', 0, 2, 2 * sqrt(m * K) - d_bar, 1e-12),
-    ('reaches zero', 0, 0, T1, 1e-12),
-    ('reaches zero', 0, 1, first_zero(1.0, -JUMP), 1e-12),
-    ('reaches zero', 0, 2, first_zero(1.49, -JUMP), 1e-9),
-    ('reaches zero', 1, 1, least_start(), 2e-6),
-    ('weight of one', 0, 1, 0.5 * FLOORS[1], 1e-3),
-    ('weight of one', 1, 0, -JUMP, 1e-12),
-    ('critical response', 0, 2, 0.8458, 2e-4),  # 500 (1 + 10 t) exp(-10 t) = 1
-    ('oscillates', 0, 0, OVERSHOOT, 3e-4),
-    ('oscillates', 0, 2, 2 * pi / R, 3e-4),
-    ('oscillates', 0, 3, 1.114, 1e-3),  # this and the next: physics of the case, by mpmath
-    ('oscillates', 0, 5, 1.789, 1e-3),
-    ('faster', 0, 0, T1, 3e-4),
-    ('faster', 1, 0, 0.5950, 2e-4),  # by mpmath
-    ('faster', 2, 0, T1, 3e-4),
-    ('linear', 0, 0, -0.5 * JUMP, 1e-12),
-    ('linear', 0, 1, -FASTEST, 1e-5),
-    ('linear', 0, 2, V1, 1e-11),
-    ('linear', 0, 4, T1, 1e-12),
-    ('linear', 0, 5, first_zero(d_low, 0.0), 1e-8),
-    ('peak velocity', 0, 0, FASTEST, 5e-3),
-    ('peak velocity', 0, 1, PD_FASTEST, 5e-3),
-    ('peak velocity', 0, 3, 1.2 * m * -V1 / 1e-4, 10.0),
-    ('minor peaks', 1, 0, 1e3 * 0.2 * 0.5 * bounce(), 1e-9),
-    ('minor peaks', 1, 2, 1e3 * OVERSHOOT, 0.3),
-    ('sticks', 0, 1, PD_STOP[1] + F_c / K, 1e-12),
-    ('sticks', 0, 2, PD_STOP[0], 1e-12),
-    ('sticks', 0, 3, PD_STOP[1] + F_c / K, 1e-4),
-    ('first stop', 0, 0, friction_stop(0.15)[1], 1e-12),
-    ('first stop', 0, 1, friction_stop(0.15)[0], 1e-12),
-    ('first stop', 0, 2, -JUMP * friction_stop(0.15)[1], 1e-12),
-    ('converges', 0, 0, d_bar / (4 * m), 2e-2),  # m v+ / 2 F_c of each stop, for small errors
-    ('converges', 1, 0, FLOORS[0], 0.02 * FLOORS[0]),
-    ('converges', 1, 1, FLOORS[1], 0.02 * FLOORS[1]),
-    ('converges', 1, 2, FLOORS[2], 0.02 * FLOORS[2]),
-    ('converges', 2, 0, friction_stop(0.15)[1], 1e-12),
-    ('both axes', 0, 2, 8444, 0),  # by mpmath
-])
-def test_a_measured_number_is_that_of_its_closed_form(
-        claims, key, at, value, truth, tolerance):
+@pytest.mark.parametrize(
+    ('key', 'at', 'value', 'truth', 'tolerance'),
+    [
+        ('one successor', 0, 0, -0.5 * JUMP, 1e-12),
+        ('one successor', 1, 0, 0.2, 1e-12),
+        ('one successor', 1, 1, 10, 0),
+        ('alpha stops', 0, 0, T1, 1e-12),
+        ('alpha stops', 1, 0, T1, 3e-4),
+        ('alpha too small', 0, 0, T1, 1e-12),
+        ('alpha too small', 1, 0, -0.2 * 0.5 * bounce(), 1e-12),
+        ('alpha cycles', 0, 0, T1, 1e-12),
+        ('alpha cycles', 1, 0, bounce(), 1e-9),
+        # D acts over the whole sample of a reversal, d on its two halves against each other
+        ('alpha cycles', 2, 0, D / m, 2e-2),
+        ('alpha range', 0, 0, T1, 1e-12),
+        ('alpha range', 1, 0, 0.9 * bounce(), 1e-9),
+        ('alpha range', 2, 0, T1, 3e-4),
+        ('critical', 0, 0, 4 * m * K, 1e-12),
+        ('critical', 0, 2, 2 * sqrt(m * K) - d_bar, 1e-12),
+        ('reaches zero', 0, 0, T1, 1e-12),
+        ('reaches zero', 0, 1, first_zero(1.0, -JUMP), 1e-12),
+        ('reaches zero', 0, 2, first_zero(1.49, -JUMP), 1e-9),
+        ('reaches zero', 1, 1, least_start(), 2e-6),
+        ('weight of one', 0, 1, 0.5 * FLOORS[1], 1e-3),
+        ('weight of one', 1, 0, -JUMP, 1e-12),
+        ('critical response', 0, 2, 0.8458, 2e-4),  # 500 (1 + 10 t) exp(-10 t) = 1
+        ('oscillates', 0, 0, OVERSHOOT, 3e-4),
+        ('oscillates', 0, 2, 2 * pi / R, 3e-4),
+        ('oscillates', 0, 3, 1.114, 1e-3),  # this and the next: physics of the case, by mpmath
+        ('oscillates', 0, 5, 1.789, 1e-3),
+        ('faster', 0, 0, T1, 3e-4),
+        ('faster', 1, 0, 0.5950, 2e-4),  # by mpmath
+        ('faster', 2, 0, T1, 3e-4),
+        ('linear', 0, 0, -0.5 * JUMP, 1e-12),
+        ('linear', 0, 1, -FASTEST, 1e-5),
+        ('linear', 0, 2, V1, 1e-11),
+        ('linear', 0, 4, T1, 1e-12),
+        ('linear', 0, 5, first_zero(d_low, 0.0), 1e-8),
+        ('peak velocity', 0, 0, FASTEST, 5e-3),
+        ('peak velocity', 0, 1, PD_FASTEST, 5e-3),
+        ('peak velocity', 0, 3, 1.2 * m * -V1 / 1e-4, 10.0),
+        ('minor peaks', 1, 0, 1e3 * 0.2 * 0.5 * bounce(), 1e-9),
+        ('minor peaks', 1, 2, 1e3 * OVERSHOOT, 0.3),
+        ('sticks', 0, 1, PD_STOP[1] + F_c / K, 1e-12),
+        ('sticks', 0, 2, PD_STOP[0], 1e-12),
+        ('sticks', 0, 3, PD_STOP[1] + F_c / K, 1e-4),
+        ('first stop', 0, 0, friction_stop(0.15)[1], 1e-12),
+        ('first stop', 0, 1, friction_stop(0.15)[0], 1e-12),
+        ('first stop', 0, 2, -JUMP * friction_stop(0.15)[1], 1e-12),
+        ('converges', 0, 0, d_bar / (4 * m), 2e-2),  # m v+ / 2 F_c of each stop, for small errors
+        ('converges', 1, 0, FLOORS[0], 0.02 * FLOORS[0]),
+        ('converges', 1, 1, FLOORS[1], 0.02 * FLOORS[1]),
+        ('converges', 1, 2, FLOORS[2], 0.02 * FLOORS[2]),
+        ('converges', 2, 0, friction_stop(0.15)[1], 1e-12),
+        ('both axes', 0, 2, 8444, 0),  # by mpmath
+    ],
+)
+def test_a_measured_number_is_that_of_its_closed_form(claims, key, at, value, truth, tolerance):
     assert claims[key].measured[at].values[value] == pytest.approx(truth, abs=tolerance, rel=0)
 
 
 def test_what_holds_and_what_does_not(claims):
-    held = {key: ''.join('ny'[one.holds] for one in claim.measured)
-            for key, claim in claims.items()}
+    held = {
+        key: ''.join('ny'[one.holds] for one in claim.measured) for key, claim in claims.items()
+    }
     assert held == {
-        'one successor': 'yn', 'alpha stops': 'yy', 'alpha too small': 'nyy',
-        'alpha cycles': 'ynn', 'alpha range': 'yyy', 'critical': 'y', 'reaches zero': 'yn',
-        'weight of one': 'yn', 'critical response': 'y', 'oscillates': 'y', 'faster': 'yyy',
-        'linear': 'y', 'peak velocity': 'y', 'minor peaks': 'yny', 'bounded damping': 'yn',
-        'comparable': 'yn', 'immediate': 'yny', 'sticks': 'y', 'first stop': 'y',
-        'converges': 'ynn', 'both axes': 'n'}
+        'one successor': 'yn',
+        'alpha stops': 'yy',
+        'alpha too small': 'nyy',
+        'alpha cycles': 'ynn',
+        'alpha range': 'yyy',
+        'critical': 'y',
+        'reaches zero': 'yn',
+        'weight of one': 'yn',
+        'critical response': 'y',
+        'oscillates': 'y',
+        'faster': 'yyy',
+        'linear': 'y',
+        'peak velocity': 'y',
+        'minor peaks': 'yny',
+        'bounded damping': 'yn',
+        'comparable': 'yn',
+        'immediate': 'yny',
+        'sticks': 'y',
+        'first stop': 'y',
+        'converges': 'ynn',
+        'both axes': 'n',
+    }
 
 
 def test_another_motion_gets_another_judgement(runs):
@@ -158,8 +177,12 @@ def test_another_motion_gets_another_judgement(runs):
     assert peak_velocity(runs.impulses, runs.pd_upper).verdict == 'no'
     assert sticks(runs.pd_lower).verdict == 'no'
     assert both_axes(runs.impulses).verdict == 'yes'
-    assert reaches_zero(runs.impulses, replace(
-        runs.coulomb, axis=replace(runs.coulomb.axis, x_0=0.3))).verdict == 'yes'
+    assert (
+        reaches_zero(
+            runs.impulses, replace(runs.coulomb, axis=replace(runs.coulomb.axis, x_0=0.3))
+        ).verdict
+        == 'yes'
+    )
     assert bounded_damping(replace(runs.varying, run=runs.pd_upper.run)).measured[1].holds is False
     pairs = ((runs.pd_varying.run, runs.varying.run),)
     ours, theirs = comparable(runs).measured[0].values[:2]
@@ -169,16 +192,26 @@ def test_another_motion_gets_another_judgement(runs):
     assert converges(replace(runs, steps=fine)).measured[1].holds
 
 
-@pytest.mark.parametrize(('holds', 'verdict', 'numbers'), [
-    ((True, True), 'yes', 'here: 1.5 m; 2 s'),
-    ((False, False), 'no', 'here: 1.5 m; 2 s'),
-    ((True, False), 'with a condition', 'here: yes, 1.5 m; no, 2 s'),
-])
+@pytest.mark.parametrize(
+    ('holds', 'verdict', 'numbers'),
+    [
+        ((True, True), 'yes', 'here: 1.5 m; 2 s'),
+        ((False, False), 'no', 'here: 1.5 m; 2 s'),
+        ((True, False), 'with a condition', 'here: yes, 1.5 m; no, 2 s'),
+    ],
+)
 def test_a_claim_holds_in_all_or_nothing_or_under_a_condition_that_is_named(
-        holds, verdict, numbers):
-    claim = Claim(key='', where='', says='', measured=(
-        Measured(when='here', holds=holds[0], values=(1.5,), text='{:g} m'),
-        Measured(holds=holds[1], values=(2.0,), text='{:g} s')))
+    holds, verdict, numbers
+):
+    claim = Claim(
+        key='',
+        where='',
+        says='',
+        measured=(
+            Measured(when='here', holds=holds[0], values=(1.5,), text='{:g} m'),
+            Measured(holds=holds[1], values=(2.0,), text='{:g} s'),
+        ),
+    )
     assert (claim.verdict, claim.numbers) == (verdict, numbers)
 
 

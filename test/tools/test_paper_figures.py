@@ -22,8 +22,12 @@ PAGE = (ROOT / 'docs' / 'paper.md').read_text()
 def folder(tmp_path_factory):
     """Return a folder with the figures, made by the installed command."""
     made = tmp_path_factory.mktemp('out') / 'new' / 'figures'
-    said = subprocess.run([str(BIN / 'paper_figures'), '--out', str(made)], check=True,
-                          capture_output=True, text=True)
+    said = subprocess.run(
+        [str(BIN / 'paper_figures'), '--out', str(made)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     (made / 'said').write_text(said.stdout)
     return made
 
@@ -73,8 +77,11 @@ def test_a_caption_states_each_claim_on_its_figure_with_our_number(runs, claims,
     text = caption(figure, list(claims.values()))
     assert stated
     for claim in stated:
-        for part in (claim.says, f'Holds: {claim.verdict}', *(
-                one.number for one in claim.measured)):
+        for part in (
+            claim.says,
+            f'Holds: {claim.verdict}',
+            *(one.number for one in claim.measured),
+        ):
             assert part in text
     with rc_context(STYLE):
         drawn = draw(figure, runs, text).texts[0].get_text()
@@ -97,21 +104,30 @@ def shown(runs, figure):
     """Return, for each axes of a figure with its insets, the lines as arrays of points."""
     with rc_context(STYLE):
         drawn = draw(figure, runs).axes
-    return [[line.get_xydata() for line in axes.get_lines()]
-            for axes in drawn + [inset for axes in drawn for inset in axes.child_axes]]
+    return [
+        [line.get_xydata() for line in axes.get_lines()]
+        for axes in drawn + [inset for axes in drawn for inset in axes.child_axes]
+    ]
 
 
 def test_the_figures_show_what_was_run(runs):
     time, position, velocity = 'time', 'position', 'velocity'
     for figure, at, names, case in (
-            (1, 0, (time, position), runs.pd_upper), (1, 1, (position, velocity), runs.pd_upper),
-            (1, 0, (time, position), runs.pd_lower), (1, 1, (position, velocity), runs.pd_lower),
-            (2, 0, (time, position), runs.pd_lower), (2, 2, (time, velocity), runs.pd_lower),
-            (2, 0, (time, position), runs.impulses), (2, 2, (time, velocity), runs.impulses),
-            (4, 0, (position, velocity), runs.varying), (4, 2, (time, position), runs.varying),
-            (4, 1, (position, velocity), runs.pd_varying),
-            (5, 0, (position, velocity), runs.coulomb), (5, 2, (position, velocity), runs.coulomb),
-            (5, 0, (position, velocity), runs.pd_coulomb)):
+        (1, 0, (time, position), runs.pd_upper),
+        (1, 1, (position, velocity), runs.pd_upper),
+        (1, 0, (time, position), runs.pd_lower),
+        (1, 1, (position, velocity), runs.pd_lower),
+        (2, 0, (time, position), runs.pd_lower),
+        (2, 2, (time, velocity), runs.pd_lower),
+        (2, 0, (time, position), runs.impulses),
+        (2, 2, (time, velocity), runs.impulses),
+        (4, 0, (position, velocity), runs.varying),
+        (4, 2, (time, position), runs.varying),
+        (4, 1, (position, velocity), runs.pd_varying),
+        (5, 0, (position, velocity), runs.coulomb),
+        (5, 2, (position, velocity), runs.coulomb),
+        (5, 0, (position, velocity), runs.pd_coulomb),
+    ):
         points = np.column_stack([getattr(case.run, name) for name in names])
         assert any(np.array_equal(line, points) for line in shown(runs, figure)[at]), (figure, at)
 
@@ -130,15 +146,14 @@ def test_fig_5_shows_the_dead_zone_and_falls_to_a_floor_at_each_time_step(runs):
 
 
 def test_the_page_on_the_paper_is_up_to_date(claims):
-    assert renewed(PAGE, list(claims.values())) == PAGE, (
-        'run: paper_figures --docs docs')
+    assert renewed(PAGE, list(claims.values())) == PAGE, 'run: paper_figures --docs docs'
 
 
 def test_the_page_is_renewed_below_its_marker_alone(runs, claims, tmp_path):
     claims = list(claims.values())
-    (tmp_path / 'paper.md').write_text('By hand.\n\n' + PAGE[PAGE.index('<!--'):] + 'stale\n')
+    (tmp_path / 'paper.md').write_text('By hand.\n\n' + PAGE[PAGE.index('<!--') :] + 'stale\n')
     command.write_docs(tmp_path, runs, claims)
-    assert (tmp_path / 'paper.md').read_text() == 'By hand.\n\n' + PAGE[PAGE.index('<!--'):]
+    assert (tmp_path / 'paper.md').read_text() == 'By hand.\n\n' + PAGE[PAGE.index('<!--') :]
     assert {path.name for path in tmp_path.glob('*.png')} == {f'fig{n}.png' for n in TITLES}
 
 
@@ -195,8 +210,12 @@ from impulse_control_ros.tools.paper import runs
 runs.paper_runs = lambda: signal.raise_signal(signal.SIGINT)
 sys.exit(paper_figures())
 """
-    said = subprocess.run([sys.executable, '-c', code, '--out', str(tmp_path)], check=False,
-                          capture_output=True, text=True)
+    said = subprocess.run(
+        [sys.executable, '-c', code, '--out', str(tmp_path)],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert (said.returncode, said.stdout) == (1, '')
     assert said.stderr == 'interrupted\n'
     assert list(tmp_path.iterdir()) == []

@@ -25,22 +25,32 @@ LAST = 3_000_000_000
 @pytest.fixture
 def record(graph):
     """Return a function that makes a bag of an experiment."""
+
     def recorded(experiment, *arguments):
         bag = graph.folder / experiment
-        process = graph.start('closed_loop', '--ros-args', '--params-file',
-                              CONFIG / f'{experiment}.yaml', '-p', f'recorder:bag:={bag}',
-                              *arguments)
+        process = graph.start(
+            'closed_loop',
+            '--ros-args',
+            '--params-file',
+            CONFIG / f'{experiment}.yaml',
+            '-p',
+            f'recorder:bag:={bag}',
+            *arguments,
+        )
         assert process.wait() == 0, process.output
         return bag
+
     return recorded
 
 
 @pytest.fixture
 def replay(graph):
     """Return a function that replays a bag: (exit status, what it says)."""
+
     def replayed(bag, *arguments):
         process = graph.start('replay', bag, *arguments)
         return process.wait(), process.output
+
     return replayed
 
 
@@ -87,23 +97,29 @@ def test_a_file_of_parameters_serves_as_well(record, replay):
 def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph, client, replay):
     bag, config = graph.folder / 'bag', CONFIG / 'time_varying.yaml'
     commands = client.listen('/joint_commands', JointState)
-    plant = graph.start('plant_simulator', '--ros-args', '--params-file', config, '-p',
-                        'real_time_factor:=0.05')
+    plant = graph.start(
+        'plant_simulator', '--ros-args', '--params-file', config, '-p', 'real_time_factor:=0.05'
+    )
     controller = graph.start('controller', config=config)
     client.spin_until(lambda: client.node.count_publishers('/joint_states'), 'the plant')
     recorder = graph.start('recorder', '--ros-args', '--params-file', config, '-p', f'bag:={bag}')
     go_on(client, commands)
-    for node, values in (('controller', {'K': 12.0, 'D': 0.7}), ('plant_simulator', {'F_c': 0.3}),
-                         ('controller', {'x_r': 0.2}), ('plant_simulator', {'m': 0.12}),
-                         ('controller', {'alpha_ratio': 0.7, 'effort_limit': 300.0}),
-                         ('plant_simulator', {'x_0': 0.4, 'damping.upper': 1.0})):
+    for node, values in (
+        ('controller', {'K': 12.0, 'D': 0.7}),
+        ('plant_simulator', {'F_c': 0.3}),
+        ('controller', {'x_r': 0.2}),
+        ('plant_simulator', {'m': 0.12}),
+        ('controller', {'alpha_ratio': 0.7, 'effort_limit': 300.0}),
+        ('plant_simulator', {'x_0': 0.4, 'damping.upper': 1.0}),
+    ):
         assert client.set(node, **values).successful
     assert client.call('/plant_simulator/reset', Trigger, once=True).success
     go_on(client, commands)  # so that all of it acts
     controller.kill()
     first = author_of(commands[-1])
-    controller = graph.start('controller', '--ros-args', '--params-file', config, '-p',
-                             'd_bar:=1.25')
+    controller = graph.start(
+        'controller', '--ros-args', '--params-file', config, '-p', 'd_bar:=1.25'
+    )
     client.spin_until(lambda: author_of(commands[-1]) != first, 'the other controller')
     go_on(client, commands)
     assert client.set('controller', x_r=-0.1).successful
@@ -113,8 +129,17 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     assert recorder.interrupt() == 0
     run = read(bag)
     assert {name for change in run.changes for name in change.changed} == {
-        'K', 'D', 'F_c', 'x_r', 'm', 'alpha_ratio', 'effort_limit', 'x_0', 'damping.upper',
-        'real_time_factor'}
+        'K',
+        'D',
+        'F_c',
+        'x_r',
+        'm',
+        'alpha_ratio',
+        'effort_limit',
+        'x_0',
+        'damping.upper',
+        'real_time_factor',
+    }
     assert sum(run.states['is_reset']) == 2
     assert len({change.node_id for change in run.controllers}) == 2
     for how in ('--controller', '--closed-loop'):
@@ -144,9 +169,10 @@ def rewritten(bag, folder, change=lambda topic, number, raw: raw):
             for at, size, stamp in zip(item.start, item.size, item.stamp, strict=True):
                 if item.topic not in channels:
                     channels[item.topic] = writer.add_topic(
-                        Topic(name=item.topic, type=kinds[item.topic], qos=(QOS,)))
+                        Topic(name=item.topic, type=kinds[item.topic], qos=(QOS,))
+                    )
                 counts[item.topic] = number = counts.get(item.topic, -1) + 1
-                raw = change(item.topic, number, item.content[at:at + size].tobytes())
+                raw = change(item.topic, number, item.content[at : at + size].tobytes())
                 entries.append((int(stamp), channels[item.topic], raw))
         elif hasattr(item, 'metadata') and hasattr(item, 'name') and item.name != 'rosbag2':
             writer.add_metadata(item.name, item.metadata)
@@ -163,8 +189,12 @@ def test_one_flipped_bit_of_a_message_is_found(record, replay, tmp_path, topic):
     def flip(name, number, raw):
         # the lowest bit of the last double
         at = len(raw) - 8
-        return raw if (name, number) != (f'/{topic}', 1) else (
-            raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1:])
+        return (
+            raw
+            if (name, number) != (f'/{topic}', 1)
+            else (raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
+        )
+
     status, said = replay(rewritten(bag, tmp_path / 'other', flip), '--closed-loop')
     assert status == 1, said
     assert f'first in {topic} at' in said
@@ -172,23 +202,33 @@ def test_one_flipped_bit_of_a_message_is_found(record, replay, tmp_path, topic):
 
 def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, tmp_path):
     bag = record('underdamped', '-p', 'plant_simulator:duration:=0.05')
-    free = record('axis', '-p', 'plant_simulator:duration:=0.05', '-p',
-                  'plant_simulator:lockstep:=false', '-p', 'plant_simulator:real_time_factor:=0.1')
+    free = record(
+        'axis',
+        '-p',
+        'plant_simulator:duration:=0.05',
+        '-p',
+        'plant_simulator:lockstep:=false',
+        '-p',
+        'plant_simulator:real_time_factor:=0.1',
+    )
     bare = BagWriter(tmp_path / 'bare')
     bare.write([])
     bare.close()
     for arguments, said in (
-            ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0: must be > 0'),
-            ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
-            ((bag, '--controller', '-p', 'K'), 'must be NAME:=VALUE'),
-            ((bag, '--controller', '-p', 'K:=['), 'must be a value in YAML'),
-            ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001'),
-            ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
-            ((free, '--closed-loop'), 'lockstep: false'),
-            ((tmp_path / 'bare', '--closed-loop'), 'no node of it has the parameters of a plant'),
-            ((tmp_path / 'nowhere', '--closed-loop'), 'nowhere'),
-            ((tmp_path / 'nowhere',), 'nowhere'), ((bag, '--topics', 'elbow'), '/elbow'),
-            ((bag, '--rate', '0'), 'rate = 0.0'), ((bag, '--start-offset', '9'), '[0, 0.05]')):
+        ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0: must be > 0'),
+        ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
+        ((bag, '--controller', '-p', 'K'), 'must be NAME:=VALUE'),
+        ((bag, '--controller', '-p', 'K:=['), 'must be a value in YAML'),
+        ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001'),
+        ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
+        ((free, '--closed-loop'), 'lockstep: false'),
+        ((tmp_path / 'bare', '--closed-loop'), 'no node of it has the parameters of a plant'),
+        ((tmp_path / 'nowhere', '--closed-loop'), 'nowhere'),
+        ((tmp_path / 'nowhere',), 'nowhere'),
+        ((bag, '--topics', 'elbow'), '/elbow'),
+        ((bag, '--rate', '0'), 'rate = 0.0'),
+        ((bag, '--start-offset', '9'), '[0, 0.05]'),
+    ):
         status, output = replay(*arguments)
         assert status == 2, output
         assert said in output
@@ -213,7 +253,7 @@ def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path,
     bag = simulated(tmp_path / 'run', 'time_varying', 1.0)[0]
     data = (bag / 'run_0.mcap').read_bytes()
     cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(data[:len(data) * 2 // 3])
+    cut.write_bytes(data[: len(data) * 2 // 3])
     for how in ('--controller', '--closed-loop'):
         assert main(StopRequest(), [str(cut), how]) == 0
         said = capsys.readouterr()
@@ -223,8 +263,9 @@ def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path,
         assert f'joint_commands  {count:>9} compared, 0 differ' in said.out
 
 
-@pytest.mark.parametrize('other', [['--rate', '2'], ['--loop'], ['--start-offset', '0'],
-                                   ['--ros-args', '-p', 'K:=3']])
+@pytest.mark.parametrize(
+    'other', [['--rate', '2'], ['--loop'], ['--start-offset', '0'], ['--ros-args', '-p', 'K:=3']]
+)
 def test_what_is_for_playing_is_refused_where_nothing_is_played(tmp_path, capsys, other):
     for how in ('--controller', '--closed-loop'):
         with pytest.raises(SystemExit) as left:
@@ -236,8 +277,10 @@ def test_what_is_for_playing_is_refused_where_nothing_is_played(tmp_path, capsys
 def test_a_bag_lacks_no_command_unsaid_but_that_of_the_state_it_ends_with(tmp_path, capsys):
     bag, last = simulated(tmp_path / 'run', 'underdamped', 0.1)[0], 1000
     for number, expected in ((last, 0), (last - 1, 1)):
+
         def cut_short(topic, at, raw, gone=('/joint_commands', number)):
             return raw[:8] if (topic, at) == gone else raw
+
         without = rewritten(bag, tmp_path / f'without_{number}', cut_short)
         for how in ('--controller', '--closed-loop'):
             assert main(StopRequest(), [str(without), how]) == expected
@@ -248,8 +291,13 @@ def test_a_bag_lacks_no_command_unsaid_but_that_of_the_state_it_ends_with(tmp_pa
 
 def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
     bag = simulated(tmp_path / 'run', 'underdamped', 0.1)[0]
-    without = rewritten(bag, tmp_path / 'without', lambda topic, number, raw: (
-        raw if topic in ('/joint_states', '/run_parameters') else raw[:8]))
+    without = rewritten(
+        bag,
+        tmp_path / 'without',
+        lambda topic, number, raw: (
+            raw if topic in ('/joint_states', '/run_parameters') else raw[:8]
+        ),
+    )
     assert main(StopRequest(), [str(without), '--controller']) == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
 
@@ -260,10 +308,22 @@ def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, 
     states = client.listen('/joint_states', JointState)
     commands = client.listen('/moved/commands', JointState)
     clock = client.listen('/clock', Clock)
-    player = graph.start('replay', bag, '--start-paused', '--rate', '0.02', '--ros-args', '-r',
-                         '/joint_commands:=/moved/commands')
-    client.spin_until(lambda: client.call('/replay/pause', SetBool, data=True).message.endswith(
-        'at 1.000000000 s, subscribers: 2'), 'the subscribers')
+    player = graph.start(
+        'replay',
+        bag,
+        '--start-paused',
+        '--rate',
+        '0.02',
+        '--ros-args',
+        '-r',
+        '/joint_commands:=/moved/commands',
+    )
+    client.spin_until(
+        lambda: client.call('/replay/pause', SetBool, data=True).message.endswith(
+            'at 1.000000000 s, subscribers: 2'
+        ),
+        'the subscribers',
+    )
     assert client.call('/replay/pause', SetBool, data=False).success
     client.spin_until(lambda: states, 'states')
     assert client.call('/replay/pause', SetBool, data=True).success

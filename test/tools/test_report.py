@@ -20,17 +20,28 @@ from impulse_control_ros.tools.analyze.packing import on_grid
 from test.conftest import BIN
 from test.tools.bags import begun, CONTROLLER, entries, experiment, finished, recorded, told
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
-    'google-chrome')
+CHROMIUM = (
+    shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+)
 CHROMEDRIVER = shutil.which('chromedriver')
-SWITCHES = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
-            '--disable-background-networking', '--disable-component-update', '--disable-sync',
-            '--window-size=1280,900')
+SWITCHES = (
+    '--headless=new',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--window-size=1280,900',
+)
 PATIENCE = 120.0
 RUNS = ('pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
 
-pytestmark = pytest.mark.skipif(not (CHROMIUM and CHROMEDRIVER), reason='no chromium and '
-                                'chromedriver: apt-get install chromium chromium-driver')
+pytestmark = pytest.mark.skipif(
+    not (CHROMIUM and CHROMEDRIVER),
+    reason='no chromium and chromedriver: apt-get install chromium chromium-driver',
+)
 
 
 @pytest.fixture(scope='module')
@@ -56,8 +67,10 @@ def browser(tmp_path_factory):
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
     driver.execute_cdp_cmd('Network.enable', {})
-    driver.execute_cdp_cmd('Network.emulateNetworkConditions', {
-        'offline': True, 'latency': 0, 'downloadThroughput': 0, 'uploadThroughput': 0})
+    driver.execute_cdp_cmd(
+        'Network.emulateNetworkConditions',
+        {'offline': True, 'latency': 0, 'downloadThroughput': 0, 'uploadThroughput': 0},
+    )
     yield driver
     driver.quit()
 
@@ -81,19 +94,29 @@ class Page:
         """Return name, key and points of the traces of a plot that have these attributes."""
         found = self.run(
             'return document.getElementById(arguments[0]).data.map((one) => '
-            '({name: one.name, meta: one.meta, mode: one.mode, x: one.x, y: one.y}))', plot)
+            '({name: one.name, meta: one.meta, mode: one.mode, x: one.x, y: one.y}))',
+            plot,
+        )
         return [one for one in found if all(one[key] == value for key, value in wanted.items())]
 
     def zoom(self, plot, **ranges):
-        self.run('const [plot, ranges] = arguments; return Plotly.relayout(plot, ranges)', plot,
-                 {name.replace('_', '.'): value for name, value in ranges.items()})
+        self.run(
+            'const [plot, ranges] = arguments; return Plotly.relayout(plot, ranges)',
+            plot,
+            {name.replace('_', '.'): value for name, value in ranges.items()},
+        )
 
     def requests(self):
         """Return what was asked of the network or of a file since the page was opened."""
-        messages = [json.loads(entry['message'])['message']
-                    for entry in self.browser.get_log('performance')]
-        return [message['params']['request']['url'] for message in messages
-                if message['method'] == 'Network.requestWillBeSent']
+        messages = [
+            json.loads(entry['message'])['message']
+            for entry in self.browser.get_log('performance')
+        ]
+        return [
+            message['params']['request']['url']
+            for message in messages
+            if message['method'] == 'Network.requestWillBeSent'
+        ]
 
     def click(self, name):
         self.browser.find_element(By.CSS_SELECTOR, f'#legend [data-name="{name}"]').click()
@@ -106,21 +129,27 @@ def opened(browser, page):
 
 
 def test_it_loads_offline_without_a_request_or_an_error(opened, page):
-    asked = [url for url in opened.requests()  # chrome: is what the browser shows before
-             if not url.startswith(('data:', 'blob:', 'chrome:'))]
+    asked = [
+        url
+        for url in opened.requests()  # chrome: is what the browser shows before
+        if not url.startswith(('data:', 'blob:', 'chrome:'))
+    ]
     assert asked == [page.as_uri()]
     assert opened.browser.get_log('browser') == []
     assert 'http' not in opened.run(
         'return [...document.querySelectorAll("[src], [href]")].map('
-        '(one) => one.getAttribute("src") ?? one.getAttribute("href")).join(" ")')
+        '(one) => one.getAttribute("src") ?? one.getAttribute("href")).join(" ")'
+    )
 
 
 def test_every_plot_has_every_run_and_its_impulses(opened, bags):
     for key in ('position', 'velocity', 'feedback', 'impulse'):
-        assert [one['name'] for one in opened.traces('time', meta=key)
-                if one['name'] in RUNS] == list(RUNS)
+        assert [
+            one['name'] for one in opened.traces('time', meta=key) if one['name'] in RUNS
+        ] == list(RUNS)
     assert [one['name'] for one in opened.traces('time', meta='damping') if one['x']] == [
-        'time_varying']
+        'time_varying'
+    ]
     for plot in ('phase', 'near'):
         names = [one['name'] for one in opened.traces(plot)]
         assert [name for name in names if name in RUNS] == list(RUNS)
@@ -128,73 +157,99 @@ def test_every_plot_has_every_run_and_its_impulses(opened, bags):
         assert names.count('velocity_zero') == 3
     for _, run in bags.values():
         fired = run.events['tick']
-        assert set(opened.run('return runs.map((run) => Object.values(run.fired).reduce('
-                              '(sum, one) => sum + one.length, 0))')) >= {len(fired)}
+        assert set(
+            opened.run(
+                'return runs.map((run) => Object.values(run.fired).reduce('
+                '(sum, one) => sum + one.length, 0))'
+            )
+        ) >= {len(fired)}
 
 
 def test_every_peak_is_drawn_however_far_out(opened, bags):
     for name, (_, run) in bags.items():
         for key, values in (('position', run.position), ('velocity', run.velocity)):
-            drawn, = opened.traces('time', meta=key, name=name)
+            (drawn,) = opened.traces('time', meta=key, name=name)
             assert max(drawn['y']) == pytest.approx(values.max(), rel=1e-6)
             assert min(drawn['y']) == pytest.approx(values.min(), rel=1e-6)
     # each impulse of a cascade of single samples stands out of the thinned line, or is in the
     # same pixel as a larger one
     width = opened.run('return bins("time")')
-    drawn, = opened.traces('time', meta='impulse', name='underdamped')
+    (drawn,) = opened.traces('time', meta='impulse', name='underdamped')
     run = bags['underdamped'][1]
     span = opened.run('return document.getElementById("time").layout.xaxis.range')
     pixel = (span[1] - span[0]) / width
     for tick, area in zip(run.events['tick'], run.events['area'], strict=True):
-        near = [abs(y) for x, y in zip(drawn['x'], drawn['y'], strict=True)
-                if abs(x - run.time[tick]) <= pixel]
+        near = [
+            abs(y)
+            for x, y in zip(drawn['x'], drawn['y'], strict=True)
+            if abs(x - run.time[tick]) <= pixel
+        ]
         assert max(near) >= 0.99 * abs(area) / 1e-4
 
 
 def test_every_impulse_is_marked_in_the_phase_plane(opened, bags):
-    width, height = opened.run('return [bins("phase"), '
-                               'document.getElementById("phase").clientHeight - TOP - BOTTOM]')
-    x_range, y_range = opened.run('const {xaxis, yaxis} = document.getElementById("phase").layout;'
-                                  'return [xaxis.range, yaxis.range]')
+    width, height = opened.run(
+        'return [bins("phase"), document.getElementById("phase").clientHeight - TOP - BOTTOM]'
+    )
+    x_range, y_range = opened.run(
+        'const {xaxis, yaxis} = document.getElementById("phase").layout;'
+        'return [xaxis.range, yaxis.range]'
+    )
     pixel = (x_range[1] - x_range[0]) / width, (y_range[1] - y_range[0]) / height
     for name, guard in (('underdamped', 1), ('time_varying', 1), ('coulomb', 2)):
         events = bags[name][1].events
-        marks = [(x, y) for one in opened.traces('phase', name=GUARDS[guard])
-                 for x, y in zip(one['x'][::3], one['y'][::3], strict=True)]
+        marks = [
+            (x, y)
+            for one in opened.traces('phase', name=GUARDS[guard])
+            for x, y in zip(one['x'][::3], one['y'][::3], strict=True)
+        ]
         for event in events[events['guard'] == guard][:500]:
-            assert min(max(abs(x - event['position']) / pixel[0],
-                           abs(y - event['velocity']) / pixel[1]) for x, y in marks) < 1.01
+            assert (
+                min(
+                    max(
+                        abs(x - event['position']) / pixel[0],
+                        abs(y - event['velocity']) / pixel[1],
+                    )
+                    for x, y in marks
+                )
+                < 1.01
+            )
 
 
 def test_zooming_in_shows_the_raw_samples(opened, bags):
     run = bags['underdamped'][1]
     assert 'least and the largest' in opened.run(
-        'return document.getElementById("shown").textContent')
+        'return document.getElementById("shown").textContent'
+    )
     opened.zoom('time', xaxis_range=[0.12, 0.13])
     assert 'All' in opened.run('return document.getElementById("shown").textContent')
     inside = np.flatnonzero((run.time >= 0.12) & (run.time <= 0.13))
     for key, values in (('position', run.position), ('velocity', run.velocity)):
-        drawn, = opened.traces('time', meta=key, name='underdamped')
+        (drawn,) = opened.traces('time', meta=key, name='underdamped')
         got = [(x, y) for x, y in zip(drawn['x'], drawn['y'], strict=True) if 0.12 <= x <= 0.13]
         assert len(got) == len(inside) == 101
         assert [x for x, _ in got] == pytest.approx(run.time[inside], abs=1e-12)
         assert [y for _, y in got] == pytest.approx(values[inside], rel=1e-6, abs=1e-30)
         assert drawn['mode'] == 'lines+markers'
-    drawn, = opened.traces('time', meta='impulse', name='underdamped')
+    (drawn,) = opened.traces('time', meta='impulse', name='underdamped')
     fired = run.events['tick'][run.events['tick'] >= 1200]
     efforts = dict(zip(drawn['x'], drawn['y'], strict=True))
     assert np.count_nonzero(drawn['y']) == len(fired) == 10
     assert min(map(abs, filter(None, efforts.values()))) == pytest.approx(
-        np.abs(run.events['area'][1:]).min() / 1e-4, rel=1e-5)
+        np.abs(run.events['area'][1:]).min() / 1e-4, rel=1e-5
+    )
 
 
 def test_a_phase_plane_zoomed_in_shows_the_raw_samples(opened, bags):
     run = bags['underdamped'][1]
     box = [-2e-4, 1e-4], [-4.0, 1.0]
     opened.zoom('near', xaxis_range=box[0], yaxis_range=box[1])
-    drawn, = opened.traces('near', name='underdamped')
-    inside = [(x, y) for x, y in zip(run.position, run.velocity, strict=True)
-              if box[0][0] <= x <= box[0][1] and box[1][0] <= y <= box[1][1]]
+    (drawn,) = opened.traces('near', name='underdamped')
+    inside = [
+        (x, y)
+        for x, y in zip(run.position, run.velocity, strict=True)
+        if box[0][0] <= x <= box[0][1] and box[1][0] <= y <= box[1][1]
+    ]
     points = [(x, y) for x, y in zip(drawn['x'], drawn['y'], strict=True) if x is not None]
     for x, y in inside:
         assert min(max(abs(a - x) / 3e-4, abs(b - y) / 5.0) for a, b in points) < 1 / 300
@@ -204,16 +259,23 @@ def test_a_phase_plane_zoomed_in_shows_the_raw_samples(opened, bags):
 def test_a_drag_zooms_and_a_double_click_shows_all_again(opened):
     layer = opened.browser.find_element(By.CSS_SELECTOR, '#time .nsewdrag')
     before = opened.run('return document.getElementById("time").layout.xaxis.range')
-    ActionChains(opened.browser).move_to_element_with_offset(layer, -100, 0).click_and_hold(
-        ).move_by_offset(150, 0).release().perform()
-    opened.until('const [a, b] = document.getElementById("time").layout.xaxis.range; '
-                 'return b - a < 0.5 * (arguments[0][1] - arguments[0][0])', before)
+    ActionChains(opened.browser).move_to_element_with_offset(
+        layer, -100, 0
+    ).click_and_hold().move_by_offset(150, 0).release().perform()
+    opened.until(
+        'const [a, b] = document.getElementById("time").layout.xaxis.range; '
+        'return b - a < 0.5 * (arguments[0][1] - arguments[0][0])',
+        before,
+    )
     drawn = opened.traces('time', meta='position', name='underdamped')[0]['x']
     low, high = opened.run('return document.getElementById("time").layout.xaxis.range')
     assert max(np.diff(drawn)) < 2.5 * (high - low) / opened.run('return bins("time")')
     ActionChains(opened.browser).move_to_element(layer).double_click().perform()
-    opened.until('const [a, b] = document.getElementById("time").layout.xaxis.range; '
-                 'return a === arguments[0][0] && b === arguments[0][1]', before)
+    opened.until(
+        'const [a, b] = document.getElementById("time").layout.xaxis.range; '
+        'return a === arguments[0][0] && b === arguments[0][1]',
+        before,
+    )
 
 
 def test_the_legend_hides_a_run_and_a_guard_in_every_plot(opened):
@@ -232,39 +294,55 @@ def test_the_legend_hides_a_run_and_a_guard_in_every_plot(opened):
 
 @pytest.mark.parametrize('width', [390, 1280])
 def test_nothing_is_wider_than_the_window(opened, width):
-    opened.browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
-        'width': width, 'height': 844, 'deviceScaleFactor': 1, 'mobile': width < 600})
-    opened.until('return innerWidth === arguments[0] && ["time", "phase", "near"].every((id) => '
-                 'document.querySelector(`#${id} .main-svg`).clientWidth '
-                 '<= document.getElementById(id).clientWidth)', width)
+    opened.browser.execute_cdp_cmd(
+        'Emulation.setDeviceMetricsOverride',
+        {'width': width, 'height': 844, 'deviceScaleFactor': 1, 'mobile': width < 600},
+    )
+    opened.until(
+        'return innerWidth === arguments[0] && ["time", "phase", "near"].every((id) => '
+        'document.querySelector(`#${id} .main-svg`).clientWidth '
+        '<= document.getElementById(id).clientWidth)',
+        width,
+    )
     assert opened.run('return document.documentElement.scrollWidth') <= width
-    tops = opened.run('return [...document.querySelectorAll("h2, .plot, table")].map('
-                      '(one) => [one.getBoundingClientRect().top, one.offsetHeight])')
+    tops = opened.run(
+        'return [...document.querySelectorAll("h2, .plot, table")].map('
+        '(one) => [one.getBoundingClientRect().top, one.offsetHeight])'
+    )
     assert all(height > 10 for _, height in tops)
-    cells = ('const row = [...document.querySelector("#parameters .differs").cells].map('
-             '(one) => one.getBoundingClientRect());')
+    cells = (
+        'const row = [...document.querySelector("#parameters .differs").cells].map('
+        '(one) => one.getBoundingClientRect());'
+    )
     assert opened.run(f'{cells} return row[2].right') <= width
-    assert opened.run('document.querySelector("#parameters").parentElement.scrollLeft = 1000;'
-                      f'{cells} return row[0].left >= 0 && row.at(-1).right <= innerWidth')
+    assert opened.run(
+        'document.querySelector("#parameters").parentElement.scrollLeft = 1000;'
+        f'{cells} return row[0].left >= 0 && row.at(-1).right <= innerWidth'
+    )
 
 
 def test_the_tables_hold_the_figures_the_parameters_and_where_they_are_from(opened):
-    text = {name: opened.run('return document.getElementById(arguments[0]).innerText', name)
-            for name in ('figures', 'parameters', 'provenance')}
+    text = {
+        name: opened.run('return document.getElementById(arguments[0]).innerText', name)
+        for name in ('figures', 'parameters', 'provenance')
+    }
     assert '0.1186' in text['figures']
     assert 'never' in text['figures'] or '1.7893' in text['figures']
     for name in ('alpha_ratio', '/controller', '/plant_simulator', 'damping.kind'):
         assert name in text['parameters']
     assert 'impulse_control_ros 0.1.0' in text['provenance']
-    differs = opened.run('return [...document.querySelectorAll("#parameters .differs")].map('
-                         '(row) => row.cells[0].textContent)')
+    differs = opened.run(
+        'return [...document.querySelectorAll("#parameters .differs")].map('
+        '(row) => row.cells[0].textContent)'
+    )
     assert 'impulses' in differs
     assert 'K' not in differs
 
 
 def test_no_button_sends_the_data_anywhere(opened):
-    titles = opened.run('return [...document.querySelectorAll(".modebar-btn")].map('
-                        '(one) => one.dataset.title)')
+    titles = opened.run(
+        'return [...document.querySelectorAll(".modebar-btn")].map((one) => one.dataset.title)'
+    )
     assert len(titles) == 3 * 6
     assert not [title for title in titles if 'loud' in title or 'hart' in title]
 
@@ -280,13 +358,13 @@ def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tm
     assert status([str(tmp_path / '<b>&run'), '--report', str(path)]) == 0
     opened = Page(browser, path)
     assert browser.find_element(By.CSS_SELECTOR, '#legend button').text == '<b>&run'
-    line, = opened.traces('time', meta='setpoint')
+    (line,) = opened.traces('time', meta='setpoint')
     steps = dict(zip(line['x'], line['y'], strict=True))
     assert steps[0.1] == 0.25
     assert opened.run('return runs[0].error[1000]') == pytest.approx(
-        run.position[1000] - 0.25, rel=1e-6)
-    assert 'from 0.1 s on' in opened.run(
-        'return document.getElementById("parameters").innerText')
+        run.position[1000] - 0.25, rel=1e-6
+    )
+    assert 'from 0.1 s on' in opened.run('return document.getElementById("parameters").innerText')
 
 
 def test_a_minute_at_10_khz_stays_below_10_mb_even_as_noise(browser, tmp_path):
@@ -308,7 +386,7 @@ def test_a_minute_at_10_khz_stays_below_10_mb_even_as_noise(browser, tmp_path):
     opened = Page(browser, path)
     assert opened.run('return runs[0].count') == 600_001
     opened.zoom('time', xaxis_range=[30.0, 30.01])
-    drawn, = opened.traces('time', meta='position', name='minute')
+    (drawn,) = opened.traces('time', meta='position', name='minute')
     inside = [y for x, y in zip(drawn['x'], drawn['y'], strict=True) if 30.0 <= x <= 30.01]
     assert inside == pytest.approx(run.position[300_000:300_101], rel=1e-6, abs=1e-9)
 
@@ -326,6 +404,9 @@ def test_times_are_packed_to_the_nanosecond_where_they_fit():
 
 def test_the_same_bags_give_the_same_report(page, bags, tmp_path):
     again = tmp_path / 'again.html'
-    subprocess.run([BIN / 'analyze', *(bag for bag, _ in bags.values()), '--report', again],
-                   check=True, capture_output=True)
+    subprocess.run(
+        [BIN / 'analyze', *(bag for bag, _ in bags.values()), '--report', again],
+        check=True,
+        capture_output=True,
+    )
     assert again.read_bytes() == Path(page).read_bytes()

@@ -40,8 +40,11 @@ def taken_over(made):
     """Another controller with other gains takes over, and later the first one again."""
     axis, ours = made.plant_simulator, made.controller
     other = replace(ours, K=12.0, d_bar=1.25, x_r=0.1)
-    yield [Piece(0, axis, ours, True, axis), Piece(1000, axis, other, True, None),
-           Piece(2000, axis, ours, True, None)]
+    yield [
+        Piece(0, axis, ours, True, axis),
+        Piece(1000, axis, other, True, None),
+        Piece(2000, axis, ours, True, None),
+    ]
     yield [told(OTHER, other.flat(), tick=1000), told(CONTROLLER, ours.flat(), tick=2000)]
     yield {1000: {'author': OTHER, 'named': CONTROLLER}, 2000: {'named': OTHER}}
 
@@ -50,8 +53,11 @@ def reset(made):
     """The plant is reset, and starts elsewhere for what was set before."""
     axis, ours = made.plant_simulator, made.controller
     moved = replace(axis, x_0=0.3)
-    yield [Piece(0, axis, ours, True, axis), Piece(500, moved, ours, False, None),
-           Piece(1000, moved, ours, True, moved)]
+    yield [
+        Piece(0, axis, ours, True, axis),
+        Piece(500, moved, ours, False, None),
+        Piece(1000, moved, ours, True, moved),
+    ]
     yield [told(PLANT, moved.flat(), ['x_0'], 500)]
     yield {1000: {'episode': 1}}
 
@@ -61,11 +67,18 @@ def tuned(made):
     axis, ours = made.plant_simulator, made.controller
     rough, heavy = replace(axis, F_c=0.3), replace(axis, F_c=0.3, m=0.12)
     stiff, moved = replace(ours, K=12.0), replace(ours, K=12.0, x_r=0.2)
-    yield [Piece(0, axis, ours, True, axis), Piece(500, rough, ours, False, None),
-           Piece(1000, heavy, stiff, False, None), Piece(2000, heavy, moved, False, None)]
-    yield [told(PLANT, rough.flat(), ['F_c'], 500), told(PLANT, heavy.flat(), ['m'], 1000),
-           told(CONTROLLER, stiff.flat(), ['K'], 1000),
-           told(CONTROLLER, moved.flat(), ['x_r'], 2000)]
+    yield [
+        Piece(0, axis, ours, True, axis),
+        Piece(500, rough, ours, False, None),
+        Piece(1000, heavy, stiff, False, None),
+        Piece(2000, heavy, moved, False, None),
+    ]
+    yield [
+        told(PLANT, rough.flat(), ['F_c'], 500),
+        told(PLANT, heavy.flat(), ['m'], 1000),
+        told(CONTROLLER, stiff.flat(), ['K'], 1000),
+        told(CONTROLLER, moved.flat(), ['x_r'], 2000),
+    ]
     yield {}
 
 
@@ -73,7 +86,7 @@ def reactivated(made):
     """The controller is activated again where its memory would have known of a crossing."""
     axis, ours = made.plant_simulator, made.controller
     begun = Piece(0, axis, ours, True, axis)
-    (_, run, _), = computed([begun], COUNT)
+    ((_, run, _),) = computed([begun], COUNT)
     crossing = int(next(one['tick'] for one in run.events if one['guard'] == POSITION_ZERO))
     yield [begun, Piece(crossing, axis, ours, True, None)]
     yield [told(CONTROLLER, ours.flat(), tick=crossing)]
@@ -101,8 +114,10 @@ def elsewhere(folder, made, messages):
 
 def elsewhere_late(folder, made, messages):
     """Parameters come late, repeated or out of order, as from several writers."""
-    times = [[time + (10**7 if raw[1] == '/run_parameters' else 0), *raw]
-             for time, *raw in sent(messages)]
+    times = [
+        [time + (10**7 if raw[1] == '/run_parameters' else 0), *raw]
+        for time, *raw in sent(messages)
+    ]
     again = [[time + 7, *raw] for time, *raw in times[::7]]
     return recorded_elsewhere(folder, sorted([*times, *again]))
 
@@ -122,26 +137,34 @@ def test_a_run_with_changes_in_it_is_the_same_to_the_bit(tmp_path, capsys, made,
 @pytest.mark.parametrize('case', [taken_over, tuned, reactivated])
 def test_without_the_changes_it_differs(tmp_path, capsys, made, case):
     start = START + STEP
-    bag = ours(tmp_path / 'bag', made, [
-        one for one in messages_of(made, case) if one[1] != PARAMETERS or one[0] < start])
+    bag = ours(
+        tmp_path / 'bag',
+        made,
+        [one for one in messages_of(made, case) if one[1] != PARAMETERS or one[0] < start],
+    )
     assert main(StopRequest(), [str(bag), '--closed-loop']) == 1
     assert 'it differs' in capsys.readouterr().out
 
 
 def test_what_a_bag_lacks_is_said_in_one_line_and_the_run_chosen_by_name(tmp_path, capsys, made):
     axis = made.plant_simulator
-    (_, run, _), = computed([Piece(0, axis, made.controller, True, axis)], 301)
-    (_, long, _), = computed([Piece(0, axis, made.controller, True, axis)], 401)
+    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
+    ((_, long, _),) = computed([Piece(0, axis, made.controller, True, axis)], 401)
     other = '89abcdef'
-    bag = recorded_elsewhere(tmp_path / 'bag', [
-        *sent([*all_told(made), *entries(run)]),
-        *sent([*all_told(made, other), *entries(long, run=other)], WALL + 10**12)])
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        [
+            *sent([*all_told(made), *entries(run)]),
+            *sent([*all_told(made, other), *entries(long, run=other)], WALL + 10**12),
+        ],
+    )
     count = 2 * 301 + len(run.events)
     assert main(StopRequest(), [str(bag), '--closed-loop']) == 0
     said = capsys.readouterr()
     assert ' 401 compared, 0 differ' in said.out
-    assert said.err == (f'replay: warning: {bag}: incomplete: run {RUN} is left out '
-                        f'({count} messages)\n')
+    assert said.err == (
+        f'replay: warning: {bag}: incomplete: run {RUN} is left out ({count} messages)\n'
+    )
     assert main(StopRequest(), [str(bag), '--closed-loop', '--run', RUN]) == 0
     assert ' 301 compared, 0 differ' in capsys.readouterr().out
     assert main(StopRequest(), [str(bag), '--closed-loop', '--run', 'x']) == 2
@@ -151,34 +174,43 @@ def test_what_a_bag_lacks_is_said_in_one_line_and_the_run_chosen_by_name(tmp_pat
 def test_a_bag_that_begins_in_mid_run_is_answered_and_not_run_again(tmp_path, capsys, made):
     messages = messages_of(made, taken_over)
     # a reset or a state that names nobody is no start of a run
-    bag = elsewhere(tmp_path / 'bag', made, [
-        one for one in messages if one[1] == PARAMETERS or one[0] >= START + 1000 * STEP])
+    bag = elsewhere(
+        tmp_path / 'bag',
+        made,
+        [one for one in messages if one[1] == PARAMETERS or one[0] >= START + 1000 * STEP],
+    )
     assert main(StopRequest(), [str(bag), '--closed-loop']) == 2
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith(
-        f'replay: warning: {bag}: incomplete: the bag begins in mid-run, at 1.1')
+        f'replay: warning: {bag}: incomplete: the bag begins in mid-run, at 1.1'
+    )
     assert said[1] == f'replay: {bag}: the bag begins in mid-run, at 1.100000000 s'
     assert main(StopRequest(), [str(bag), '--controller']) == 0
     assert f' {COUNT - 1000} compared, 0 differ' in capsys.readouterr().out
 
 
-def test_a_foreign_plant_is_answered_with_the_parameters_of_its_controller(
-        tmp_path, capsys, made):
+def test_a_foreign_plant_is_answered_with_the_parameters_of_its_controller(tmp_path, capsys, made):
     axis, gains = made.plant_simulator, made.controller
     other = replace(gains, x_r=0.2)
-    (_, one, _), (_, two, effort) = computed([
-        Piece(0, axis, gains, True, axis), Piece(200, axis, other, False, None)], 301)
-    changes = [told(CONTROLLER, gains.flat(), run=''),
-               told(CONTROLLER, other.flat(), ['x_r'], 200, run='')]
-    messages = sorted([*changes, *entries(one, run=''), *entries(two, 200, '', applied=effort)],
-                      key=lambda message: (message[0], message[1] != PARAMETERS))
+    (_, one, _), (_, two, effort) = computed(
+        [Piece(0, axis, gains, True, axis), Piece(200, axis, other, False, None)], 301
+    )
+    changes = [
+        told(CONTROLLER, gains.flat(), run=''),
+        told(CONTROLLER, other.flat(), ['x_r'], 200, run=''),
+    ]
+    messages = sorted(
+        [*changes, *entries(one, run=''), *entries(two, 200, '', applied=effort)],
+        key=lambda message: (message[0], message[1] != PARAMETERS),
+    )
     bag = recorded_elsewhere(tmp_path / 'bag', sent(messages))
     assert main(StopRequest(), [str(bag), '--controller']) == 0
     said = capsys.readouterr()
     assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)
     assert main(StopRequest(), [str(bag), '--closed-loop']) == 2
     assert 'no node of it has the parameters of a plant; its nodes: /controller' in (
-        capsys.readouterr().err)
+        capsys.readouterr().err
+    )
 
 
 def test_a_withdrawn_effort_clears_the_memory(tmp_path, capsys, made):
@@ -196,13 +228,16 @@ def test_a_withdrawn_effort_clears_the_memory(tmp_path, capsys, made):
 
 def test_parameters_that_are_none_of_ours_are_refused_in_one_line(tmp_path, capsys, made):
     axis = made.plant_simulator
-    (_, run, _), = computed([Piece(0, axis, made.controller, True, axis)], 301)
+    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
     for node, values, said in (
-            (CONTROLLER, {**made.controller.flat(), 'gain': 3.0}, 'gain = 3.0'),
-            (PLANT, {**axis.flat(), 'joint_name': 'lift'}, "joint_name = 'axis'")):
+        (CONTROLLER, {**made.controller.flat(), 'gain': 3.0}, 'gain = 3.0'),
+        (PLANT, {**axis.flat(), 'joint_name': 'lift'}, "joint_name = 'axis'"),
+    ):
         both = [*all_told(made), *entries(run)]
-        both = [told(node, values) if one[1] == PARAMETERS and node.encode() in one[2] else one
-                for one in both]
+        both = [
+            told(node, values) if one[1] == PARAMETERS and node.encode() in one[2] else one
+            for one in both
+        ]
         bag = ours(tmp_path / node[1:6], made, both)
         assert main(StopRequest(), [str(bag), '--controller']) == 2
         err = capsys.readouterr().err
@@ -212,22 +247,34 @@ def test_parameters_that_are_none_of_ours_are_refused_in_one_line(tmp_path, caps
 
 def test_a_state_without_its_stamp_is_in_no_run(tmp_path, capsys, made):
     axis = made.plant_simulator
-    (_, run, _), = computed([Piece(0, axis, made.controller, True, axis)], 301)
+    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
     nothing = JointStateLayout('axis', f'run:{RUN}.0').encode(0, 0, 9.0, 9.0, 9.0)
     messages = [(START, STATES, nothing), *all_told(made), *entries(run)]
-    assert main(StopRequest(), [str(elsewhere(tmp_path / 'bag', made, messages)),
-                                '--closed-loop']) == 0
+    assert (
+        main(StopRequest(), [str(elsewhere(tmp_path / 'bag', made, messages)), '--closed-loop'])
+        == 0
+    )
 
 
 def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_path, capsys, made):
     axis, gains = made.plant_simulator, made.controller
     moved, heavy = replace(axis, x_0=0.3), replace(axis, x_0=0.3, m=0.12)
-    (_, run, _), = computed([Piece(0, heavy, gains, True, moved)], 301)
-    messages = [told(PLANT, axis.flat()), told(PLANT, moved.flat(), ['x_0']),
-                told(PLANT, moved.flat()), told(PLANT, heavy.flat(), ['m']),
-                told(CONTROLLER, gains.flat()), *entries(run)]
+    ((_, run, _),) = computed([Piece(0, heavy, gains, True, moved)], 301)
+    messages = [
+        told(PLANT, axis.flat()),
+        told(PLANT, moved.flat(), ['x_0']),
+        told(PLANT, moved.flat()),
+        told(PLANT, heavy.flat(), ['m']),
+        told(CONTROLLER, gains.flat()),
+        *entries(run),
+    ]
     for record in (ours, elsewhere):
-        assert main(StopRequest(), [str(record(tmp_path / record.__name__, made, messages)),
-                                    '--closed-loop']) == 0
+        assert (
+            main(
+                StopRequest(),
+                [str(record(tmp_path / record.__name__, made, messages)), '--closed-loop'],
+            )
+            == 0
+        )
         said = capsys.readouterr()
         assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)

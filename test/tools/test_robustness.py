@@ -26,8 +26,11 @@ def tiny(name, **vary):
     """Return the text of a study of ours with few runs and levels, and with ``vary`` besides."""
     study = yaml.safe_load((ROOT / 'studies' / f'{name}.yaml').read_text())
     first = next(iter(study['vary']))
-    study |= {'experiment': str(CONFIG / study['experiment'].removeprefix('../config/')),
-              'runs': 3, 'duration': 2.0}
+    study |= {
+        'experiment': str(CONFIG / study['experiment'].removeprefix('../config/')),
+        'runs': 3,
+        'duration': 2.0,
+    }
     study['vary'] |= {first: {'values': [0, 1, 50]}} | vary
     return yaml.safe_dump(study, sort_keys=False)
 
@@ -46,8 +49,10 @@ def place(tmp_path):
 
 def renewed(place, runs='runs'):
     """Renew the page there; returns the exit status."""
-    return command.main(StopRequest(patience=1), [
-        str(place / 'docs'), '--studies', str(place / 'studies'), '--runs', str(place / runs)])
+    return command.main(
+        StopRequest(patience=1),
+        [str(place / 'docs'), '--studies', str(place / 'studies'), '--runs', str(place / runs)],
+    )
 
 
 def of(study, folder):
@@ -68,8 +73,7 @@ def test_the_same_studies_give_the_same_bytes_and_the_text_stays(place):
         assert renewed(place, runs) == 0
         pages.append({path.name: path.read_bytes() for path in (place / 'docs').iterdir()})
     assert pages[0] == pages[1] == pages[2]
-    assert sorted(pages[0]) == ['robustness.md', 'robustness_delay.png',
-                                'robustness_friction.png']
+    assert sorted(pages[0]) == ['robustness.md', 'robustness_delay.png', 'robustness_friction.png']
     text = pages[0]['robustness.md'].decode()
     assert text.count('# Ours') == text.count('Text.') == 2
     assert 'old' not in text
@@ -82,6 +86,7 @@ def test_what_cannot_be_renewed_is_refused_in_one_line(place, capsys):
         said = capsys.readouterr().err
         assert said.count('\n') == 1
         return said
+
     study = place / 'studies' / 'robustness_delay.yaml'
     study.write_text(tiny('robustness_delay', K_i={'values': [12.0]}))
     assert 'must be a disturbance and two values of F_c, controller.impulses, K_i' in refused()
@@ -110,8 +115,14 @@ def test_the_pid_of_all_studies_is_the_best_of_the_tuning(tmp_path):
 def test_pd_sticks_within_friction_over_gain_and_a_creeping_axis_at_the_edge(damping, tmp_path):
     levels = np.array([0.5, 1.0, 2.0])
     path = tmp_path / 'study.yaml'
-    path.write_text(tiny('robustness_friction', F_c={'values': levels.tolist()},
-                         x_0={'uniform': [0.3, 0.5]}, **{'damping.value': damping}))
+    path.write_text(
+        tiny(
+            'robustness_friction',
+            F_c={'values': levels.tolist()},
+            x_0={'uniform': [0.3, 0.5]},
+            **{'damping.value': damping},
+        )
+    )
     study = read_study(path)
     residual = compared(study, of(study, tmp_path / 'run')).figures['residual'][:, :, 0, 0]
     if 'choice' in damping:
@@ -125,9 +136,14 @@ def comparison(settling, residual):
     figures = {'settling': settling, 'residual': residual}
     figures |= {'peak': [[1.0] * 4] * 3, 'impulses': [[1.0] * 4] * 3}
     return Comparison(
-        disturbance='actuator.lag', levels=(1.0, 2.0, 3.0), frictions=(),
-        figures={name: np.array([values] * 3, float)[:, :, np.newaxis, :]
-                 for name, values in figures.items()})
+        disturbance='actuator.lag',
+        levels=(1.0, 2.0, 3.0),
+        frictions=(),
+        figures={
+            name: np.array([values] * 3, float)[:, :, np.newaxis, :]
+            for name, values in figures.items()
+        },
+    )
 
 
 NEVER = float('nan')

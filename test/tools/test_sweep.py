@@ -77,7 +77,8 @@ def chunks_of(path):
 
 
 def test_a_sweep_that_is_killed_and_interrupted_repeats_no_chunk_and_ends_the_same(
-        desk, undisturbed):
+    desk, undisturbed
+):
     study, out = desk.study(), desk.folder / 'out'
     chunks = chunks_of(study)
     first = desk.sweep(study, '--out', out)
@@ -93,7 +94,8 @@ def test_a_sweep_that_is_killed_and_interrupted_repeats_no_chunk_and_ends_the_sa
     assert f'{chunks} chunks, {len(killed)} of them finished, on ' in second.output
     assert second.output.splitlines()[-1] == (
         f'sweep: interrupted with {len(there)} of {chunks} chunks finished; '
-        'the same command goes on from there')
+        'the same command goes on from there'
+    )
     assert 'Traceback' not in second.output
     damaged = out / 'parts' / max(there)
     damaged.write_bytes(damaged.read_bytes()[:-100])
@@ -102,7 +104,10 @@ def test_a_sweep_that_is_killed_and_interrupted_repeats_no_chunk_and_ends_the_sa
     assert f'{chunks} chunks, {len(there) - 1} of them finished, on ' in third.output
     assert (out / 'runs.parquet').read_bytes() == undisturbed[0]
     assert sorted(path.name for path in out.iterdir()) == [
-        'figures.pdf', 'figures.png', 'runs.parquet']
+        'figures.pdf',
+        'figures.png',
+        'runs.parquet',
+    ]
 
 
 def test_a_second_ctrl_c_ends_a_sweep_whose_chunks_are_long(desk):
@@ -120,16 +125,42 @@ def start_cluster(desk, workers):
     """Start a Dask scheduler and workers on free ports of this machine; returns their names."""
     contact = desk.folder / 'scheduler.json'
     scheduler = desk.start(
-        'scheduler', sys.executable, '-m', 'distributed.cli.dask_scheduler', '--host',
-        '127.0.0.1', '--port', 0, '--no-dashboard', '--dashboard-address', '127.0.0.1:0',
-        '--scheduler-file', contact)
+        'scheduler',
+        sys.executable,
+        '-m',
+        'distributed.cli.dask_scheduler',
+        '--host',
+        '127.0.0.1',
+        '--port',
+        0,
+        '--no-dashboard',
+        '--dashboard-address',
+        '127.0.0.1:0',
+        '--scheduler-file',
+        contact,
+    )
     scheduler.says('Scheduler at:')
     address = next(word for word in scheduler.output.split() if word.startswith('tcp://'))
-    started = [desk.start(
-        'worker', sys.executable, '-m', 'distributed.cli.dask_worker', address, '--host',
-        '127.0.0.1', '--nthreads', 1, '--no-nanny', '--no-dashboard', '--dashboard-address',
-        '127.0.0.1:0', '--local-directory', desk.folder / f'worker_{number}')
-        for number in range(workers)]
+    started = [
+        desk.start(
+            'worker',
+            sys.executable,
+            '-m',
+            'distributed.cli.dask_worker',
+            address,
+            '--host',
+            '127.0.0.1',
+            '--nthreads',
+            1,
+            '--no-nanny',
+            '--no-dashboard',
+            '--dashboard-address',
+            '127.0.0.1:0',
+            '--local-directory',
+            desk.folder / f'worker_{number}',
+        )
+        for number in range(workers)
+    ]
     for worker in started:
         worker.says('Registered to:')
     return address, scheduler, started
@@ -157,7 +188,8 @@ def test_a_sweep_begun_on_a_cluster_goes_on_here_when_the_scheduler_dies(desk, u
     scheduler.kill()
     assert sweep.wait() == 1
     assert sweep.output.splitlines()[-1] == (
-        f'sweep: the scheduler at {address} has gone; the same command goes on from there')
+        f'sweep: the scheduler at {address} has gone; the same command goes on from there'
+    )
     assert 'Traceback' not in sweep.output
     again = desk.sweep(study, '--out', out)
     assert again.wait() == 0, again.output
@@ -183,7 +215,7 @@ def test_a_finished_sweep_shows_its_summary_again_without_running(desk, finished
     assert (result.stat().st_ino, result.stat().st_mtime_ns) == (state.st_ino, state.st_mtime_ns)
     assert picture.read_bytes() == drawn
     assert again.output.splitlines()[0] == f'sweep: {result} is finished'
-    table = again.output[again.output.index('median'):].split('\n\n')[0]
+    table = again.output[again.output.index('median') :].split('\n\n')[0]
     assert table in said
     assert 'not settled to 0.01 m: 100 %' in table
 
@@ -192,7 +224,12 @@ def test_the_result_has_a_row_for_each_run_and_a_column_for_each_figure(finished
     table = pq.read_table(finished[0] / 'runs.parquet')
     assert table.num_rows == 100
     assert table.column_names[:5] == [
-        'F_c', 'plant_simulator.m', 'damping.seed', 'settling_time_0.01', 'settling_time_0.001']
+        'F_c',
+        'plant_simulator.m',
+        'damping.seed',
+        'settling_time_0.01',
+        'settling_time_0.001',
+    ]
     assert table['F_c'].to_pylist() == [0.0] * 50 + [1.0] * 50
     assert table.schema.field('peak_effort').metadata == {b'unit': b'N'}
 
@@ -202,15 +239,20 @@ def test_another_study_is_kept_out_of_the_folder(desk, finished):
     before = (out / 'runs.parquet').read_bytes()
     other = desk.sweep(desk.study(SHORT.replace('seed: 1', 'seed: 2')), '--out', out)
     assert other.wait() == 2
-    assert other.output == (f'sweep: {out} holds another study (seed = 1 there, 2 here): '
-                            'choose another --out or move it away\n')
+    assert other.output == (
+        f'sweep: {out} holds another study (seed = 1 there, 2 here): '
+        'choose another --out or move it away\n'
+    )
     assert (out / 'runs.parquet').read_bytes() == before
 
 
-@pytest.mark.parametrize(('old', 'new', 'said'), [
-    ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
-    ('runs: 50', 'runs: -1', 'invalid runs = -1: must be in [1, 1e+09]'),
-])
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
+        ('runs: 50', 'runs: -1', 'invalid runs = -1: must be in [1, 1e+09]'),
+    ],
+)
 def test_a_wrong_study_ends_with_one_line_and_leaves_nothing(desk, old, new, said):
     study = desk.study(SHORT.replace(old, new))
     process = desk.sweep(study, '--out', desk.folder / 'out')
@@ -228,21 +270,46 @@ def test_where_no_scheduler_answers_one_line_says_so_and_nothing_is_left(desk, a
     assert not (desk.folder / 'out').exists()
 
 
-@pytest.mark.parametrize(('module', 'arguments', 'said'), [
-    ('pyarrow', [], "sweep: pyarrow is missing: pip install 'impulse_control_ros[analysis]', "
-     'or pip install matplotlib pyarrow\n'),
-    ('matplotlib', [], "sweep: matplotlib is missing: pip install "
-     "'impulse_control_ros[analysis]', or pip install matplotlib pyarrow\n"),
-    ('distributed', ['--scheduler', 'tcp://127.0.0.1:1'],
-     'sweep: --scheduler needs dask.distributed: '
-     "pip install 'impulse_control_ros[dask]', or pip install distributed\n"),
-])
+@pytest.mark.parametrize(
+    ('module', 'arguments', 'said'),
+    [
+        (
+            'pyarrow',
+            [],
+            "sweep: pyarrow is missing: pip install 'impulse_control_ros[analysis]', "
+            'or pip install matplotlib pyarrow\n',
+        ),
+        (
+            'matplotlib',
+            [],
+            'sweep: matplotlib is missing: pip install '
+            "'impulse_control_ros[analysis]', or pip install matplotlib pyarrow\n",
+        ),
+        (
+            'distributed',
+            ['--scheduler', 'tcp://127.0.0.1:1'],
+            'sweep: --scheduler needs dask.distributed: '
+            "pip install 'impulse_control_ros[dask]', or pip install distributed\n",
+        ),
+    ],
+)
 def test_a_missing_package_is_named_with_the_command_that_installs_it(
-        desk, module, arguments, said):
-    code = (f'import sys; sys.modules[{module!r}] = None; '
-            'from impulse_control_ros.tools.entry import sweep; sys.exit(sweep())')
-    process = desk.start('sweep', sys.executable, '-c', code, desk.study(SHORT), '--out',
-                         desk.folder / 'out', *arguments)
+    desk, module, arguments, said
+):
+    code = (
+        f'import sys; sys.modules[{module!r}] = None; '
+        'from impulse_control_ros.tools.entry import sweep; sys.exit(sweep())'
+    )
+    process = desk.start(
+        'sweep',
+        sys.executable,
+        '-c',
+        code,
+        desk.study(SHORT),
+        '--out',
+        desk.folder / 'out',
+        *arguments,
+    )
     assert process.wait() == 1
     assert process.output == said
 

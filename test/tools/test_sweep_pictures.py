@@ -23,17 +23,27 @@ STUDIES = {
     'switch': ({'impulses': {'values': [True, False]}}, 1),
     'map': ({'F_c': {'grid': [0.0, 2.0, 9]}, 'K': {'log_grid': [1.0, 1e9, 13]}, **DRAWN}, 3),
     'small map': ({'impulses': {'values': [True]}, 'c': {'values': [1, 2]}}, 1),
-    'three axes': ({'impulses': {'values': [True, False]}, 'c': {'values': [1, 2]},
-                    'K': {'grid': [5.0, 15.0, 3]}, **DRAWN}, 5),
+    'three axes': (
+        {
+            'impulses': {'values': [True, False]},
+            'c': {'values': [1, 2]},
+            'K': {'grid': [5.0, 15.0, 3]},
+            **DRAWN,
+        },
+        5,
+    ),
 }
 
 
 def run(name, duration=0.3):
     """Return a study of `STUDIES` and its columns."""
     vary, runs = STUDIES[name]
-    study = Study(axis=Axis(damping=Damping(upper=1.5)), controller=Controller(),
-                  extent=Extent(runs=runs, duration=duration),
-                  vary={key: law_of(key, law) for key, law in vary.items()})
+    study = Study(
+        axis=Axis(damping=Damping(upper=1.5)),
+        controller=Controller(),
+        extent=Extent(runs=runs, duration=duration),
+        vary={key: law_of(key, law) for key, law in vary.items()},
+    )
     chunks = [run_chunk(study, number) for number in range(study.chunks)]
     return study, lambda column: np.concatenate([chunk[column] for chunk in chunks])
 
@@ -45,9 +55,16 @@ def test_every_study_has_a_panel_and_a_line_for_each_figure_with_its_unit(name):
     figure.draw_without_rendering()
     panels = [axes for axes in figure.axes if axes.get_label() != '<colorbar>']
     said = [axes.get_title() + axes.get_xlabel() + axes.get_ylabel() for axes in panels]
-    for text in ('settling time to 0.01 m [s]', 'settling time to 0.001 m [s]', 'overshoot [m]',
-                 'IAE [m s]', 'impulse area [N s]', 'peak effort [N]', 'peak velocity [m/s]',
-                 'abs(final error) [m]'):
+    for text in (
+        'settling time to 0.01 m [s]',
+        'settling time to 0.001 m [s]',
+        'overshoot [m]',
+        'IAE [m s]',
+        'impulse area [N s]',
+        'peak effort [N]',
+        'peak velocity [m/s]',
+        'abs(final error) [m]',
+    ):
         assert sum(text in words for words in said) == 1, text
     assert len(panels) == 9
     assert name in figure.get_suptitle()
@@ -97,8 +114,11 @@ def test_a_few_values_far_out_do_not_set_the_scale():
 
 def test_a_heat_map_tells_zero_from_what_is_not_there():
     study, column = run('map')
-    axes = next(axes for axes in picture(study, column, 'map').axes
-                if axes.get_title().startswith('overshoot'))
+    axes = next(
+        axes
+        for axes in picture(study, column, 'map').axes
+        if axes.get_title().startswith('overshoot')
+    )
     image = axes.images[0]
     middle = quantiles(column('overshoot').reshape(9, 13, 3), (0.5,))[0]
     assert (middle == 0.0).any()

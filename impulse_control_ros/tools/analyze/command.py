@@ -39,40 +39,68 @@ is one that lacks anything of its run: a first response that begins in mid-run i
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options, or raise `UsageError`."""
-    parser = Parser(prog=NAME, description='Print figures of merit of recorded runs.',
-                    epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('bags', metavar='BAG', nargs='+', type=Path,
-                        help='a bag of ours: its folder, or the .mcap file in it')
-    parser.add_argument('--all', action='store_true', dest='every',
-                        help='each response of a bag, not its last one alone')
+    parser = Parser(
+        prog=NAME,
+        description='Print figures of merit of recorded runs.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'bags',
+        metavar='BAG',
+        nargs='+',
+        type=Path,
+        help='a bag of ours: its folder, or the .mcap file in it',
+    )
+    parser.add_argument(
+        '--all',
+        action='store_true',
+        dest='every',
+        help='each response of a bag, not its last one alone',
+    )
     parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
-    parser.add_argument('--format', choices=('text', 'json', 'csv'), default='text',
-                        help='of the table on stdout (default: %(default)s)')
-    parser.add_argument('--report', metavar='FILE.html', type=Path,
-                        help='write one page with plots to zoom in, which opens offline')
-    parser.add_argument('--figure', metavar='FILE.pdf|.png', type=Path,
-                        help='write a figure for print')
+    parser.add_argument(
+        '--format',
+        choices=('text', 'json', 'csv'),
+        default='text',
+        help='of the table on stdout (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--report',
+        metavar='FILE.html',
+        type=Path,
+        help='write one page with plots to zoom in, which opens offline',
+    )
+    parser.add_argument(
+        '--figure', metavar='FILE.pdf|.png', type=Path, help='write a figure for print'
+    )
     options = parser.parse_args(arguments)
-    for name, suffixes, package in (('report', ('.html',), 'plotly'),
-                                    ('figure', ('.pdf', '.png'), 'matplotlib')):
+    for name, suffixes, package in (
+        ('report', ('.html',), 'plotly'),
+        ('figure', ('.pdf', '.png'), 'matplotlib'),
+    ):
         require_writable(name, getattr(options, name), suffixes, package)
     return options
 
 
-def require_writable(name: str, path: Path | None, suffixes: tuple[str, ...], package: str
-                     ) -> None:
+def require_writable(
+    name: str, path: Path | None, suffixes: tuple[str, ...], package: str
+) -> None:
     """Raise `UsageError` where a file of that name cannot be, or its package is missing."""
     if path is None:
         return
     if path.suffix not in suffixes:
-        raise UsageError(f'--{name} {path}: must end in '
-                         f'{" or ".join(suffixes)}')
+        raise UsageError(f'--{name} {path}: must end in {" or ".join(suffixes)}')
     if path.is_dir() or not path.parent.is_dir():
-        raise UsageError(f'--{name} {path}: '
-                         + ('this is a folder' if path.is_dir() else 'its folder does not exist'))
+        raise UsageError(
+            f'--{name} {path}: '
+            + ('this is a folder' if path.is_dir() else 'its folder does not exist')
+        )
     if find_spec(package) is None:
-        raise UsageError(f"--{name} needs {package}: pip install 'impulse_control_ros[analysis]'"
-                         f', or pip install {package}')
+        raise UsageError(
+            f"--{name} needs {package}: pip install 'impulse_control_ros[analysis]'"
+            f', or pip install {package}'
+        )
 
 
 def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
@@ -86,6 +114,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     from impulse_control_ros.files.columns import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.analyze.run import Run, settings_of
+
     if len(set(bags)) < len(bags):
         raise UsageError(f'{Counter(bags).most_common(1)[0][0]} is given twice')
     names = Counter(bag.resolve().name for bag in bags)
@@ -99,14 +128,18 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
         if recording.unread is not None:
             warn_of_cut(run)
         if len(recording.states) < 2 or not np.ptp(recording.states['stamp']):
-            raise UsageError(f'{bag}: there are {len(recording.states)} states in it; 2 with '
-                             'different stamps are needed')
+            raise UsageError(
+                f'{bag}: there are {len(recording.states)} states in it; 2 with '
+                'different stamps are needed'
+            )
         missing = int(recording.receipt.get('missing', 0))
         if recording.lacks:
             warn(f'{bag}: incomplete: {"; ".join(recording.lacks)}')
         elif missing:
-            warn(f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
-                 'them')
+            warn(
+                f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
+                'them'
+            )
         if not settings_of(recording):
             warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
@@ -115,12 +148,15 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
 def with_positions(bag: Path, recording: Recording) -> Recording:
     """Return a recording without the states that no controller answers; warns of them."""
     import numpy as np
+
     states = recording.states
     good = np.isfinite(states['position']) & ~np.isinf(states['velocity'])
     if good.all():
         return recording
-    warn(f'{bag}: {np.count_nonzero(~good)} states without a finite position, or with an infinite '
-         'velocity, are left out')
+    warn(
+        f'{bag}: {np.count_nonzero(~good)} states without a finite position, or with an infinite '
+        'velocity, are left out'
+    )
     return replace(recording, states=states[good])
 
 
@@ -128,8 +164,10 @@ def warn_of_cut(run: Run) -> None:
     """Say how much of a bag was read."""
     count = len(run.states)
     seconds = f' ({run.time[-1]:g} s)' if count else ''
-    warn(f'{run.path} was cut off: {count} samples{seconds} are read, up to the last whole '
-         f'chunk; {run.recording.unread} bytes behind it cannot be')
+    warn(
+        f'{run.path} was cut off: {count} samples{seconds} are read, up to the last whole '
+        f'chunk; {run.recording.unread} bytes behind it cannot be'
+    )
 
 
 def warn(text: str) -> None:
@@ -141,6 +179,7 @@ def analyze(arguments: Sequence[str]) -> None:
     """Do what the arguments say; raises `UsageError`."""
     options = parsed(arguments)
     from impulse_control_ros.tools.analyze.table import FORMATS, Response, responses_of
+
     runs: list[Run] = []
     responses: list[Response] = []
     for run in runs_of(options.bags, options.run):
@@ -150,9 +189,11 @@ def analyze(arguments: Sequence[str]) -> None:
     print(FORMATS[options.format](responses), flush=True)
     if options.report:
         from impulse_control_ros.tools.analyze.report import report
+
         write(options.report, report(runs, responses).encode())
     if options.figure:
         from impulse_control_ros.tools.analyze.drawing import figure
+
         write(options.figure, figure(runs, options.figure.suffix[1:]))
 
 

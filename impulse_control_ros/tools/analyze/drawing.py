@@ -18,9 +18,15 @@ COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
 MARKS: dict[str, dict[str, Any]] = {
     'position_zero': {'color': '#CC79A7', 'marker': 'o', 'label': 'impulse at e = 0'},
     'velocity_zero': {'color': '#009E73', 'marker': 'D', 'label': 'impulse at v = 0'},
-    'sticking': {'color': '#E69F00', 'marker': 's', 'label': 'impulse while sticking'}}
-PANELS = {'position': 'position [m]', 'velocity': VELOCITY, 'feedback': 'PD effort [N]',
-          'impulse': 'impulses [N]', 'damping': 'damping [N s/m]'}
+    'sticking': {'color': '#E69F00', 'marker': 's', 'label': 'impulse while sticking'},
+}
+PANELS = {
+    'position': 'position [m]',
+    'velocity': VELOCITY,
+    'feedback': 'PD effort [N]',
+    'impulse': 'impulses [N]',
+    'damping': 'damping [N s/m]',
+}
 HEIGHT = 1.35  # in; of a panel
 MANY = 5000  # points of a kind; more are drawn as pixels
 CLOSE = 0.01  # share of the largest error that is near the origin
@@ -34,8 +40,11 @@ def figure(runs: Sequence[Run], suffix: str) -> bytes:
 
 def drawn(runs: Sequence[Run]) -> Figure:
     """Return the figure."""
-    names = [name for name in PANELS
-             if name != 'damping' or any(len(run.recording.damping) for run in runs)]
+    names = [
+        name
+        for name in PANELS
+        if name != 'damping' or any(len(run.recording.damping) for run in runs)
+    ]
     whole = Figure(figsize=(WIDTH, HEIGHT * len(names) + 0.5), layout='constrained')
     halves: Any = whole.subfigures(1, 2, width_ratios=(1.5, 1.0))
     left, right = halves
@@ -54,8 +63,11 @@ def drawn(runs: Sequence[Run]) -> Figure:
         phase_plane(axes)
         axes.set_xlabel('error [m]')
     near.set(title='near the origin', **close_limits(runs))
-    entries = {label: handle for axes in (panels[0], plane) for handle, label in zip(
-        *axes.get_legend_handles_labels(), strict=True)}
+    entries = {
+        label: handle
+        for axes in (panels[0], plane)
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     whole.legend(entries.values(), entries.keys(), loc='outside upper center', ncols=4)
     return whole
 
@@ -78,16 +90,26 @@ def mark_impulses(axes: Axes, run: Run, x: np.ndarray, y: np.ndarray) -> None:
     for name, style in MARKS.items():
         at = run.fired[run.recording.impulses['guard'] == GUARDS.index(name)]
         if at.size:
-            axes.plot(x[at], y[at], linestyle='', markersize=3, zorder=3,
-                      rasterized=at.size > MANY, **style)
+            axes.plot(
+                x[at],
+                y[at],
+                linestyle='',
+                markersize=3,
+                zorder=3,
+                rasterized=at.size > MANY,
+                **style,
+            )
 
 
 def close_limits(runs: Sequence[Run]) -> dict[str, tuple[float, float]]:
     """Return the limits of the phase plane near the origin."""
     close = CLOSE * max(float(np.abs(run.error).max()) for run in runs) or CLOSE
-    speeds = np.concatenate([
-        [0.0], *(run.states['velocity'][np.abs(run.error) < close] for run in runs)])
+    speeds = np.concatenate(
+        [[0.0], *(run.states['velocity'][np.abs(run.error) < close] for run in runs)]
+    )
     speeds = speeds[np.isfinite(speeds)]  # they may be unknown
     room = 0.05 * float(np.ptp(speeds)) or close
-    return {'xlim': (-close, close),
-            'ylim': (float(speeds.min()) - room, float(speeds.max()) + room)}
+    return {
+        'xlim': (-close, close),
+        'ylim': (float(speeds.min()) - room, float(speeds.max()) + room),
+    }

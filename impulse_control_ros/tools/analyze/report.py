@@ -22,18 +22,26 @@ BLOB = '<script type="text/plain" data-name="{}">{}</script>'
 
 def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
     """Return the page; it asks for nothing but a browser."""
-    facts = {'version': __version__, 'guards': GUARDS, 'table': rows_of(responses),
-             'runs': [facts_of(run) for run in runs]}
+    facts = {
+        'version': __version__,
+        'guards': GUARDS,
+        'table': rows_of(responses),
+        'runs': [facts_of(run) for run in runs],
+    }
     # '<' could end the element
     data = json.dumps(facts, separators=(',', ':')).replace('<', '\\u003c')
     blobs = [BLOB.format('plotly', deflated(get_plotlyjs().encode()))]
     for number, run in enumerate(runs):
-        blobs += [BLOB.format(f'{number}.{name}', packed(values))
-                  for name, values in arrays_of(run)]
+        blobs += [
+            BLOB.format(f'{number}.{name}', packed(values)) for name, values in arrays_of(run)
+        ]
     page = part('page.html')
     for place, content in (
-            ('STYLE', part('page.css')), ('FACTS', data), ('BLOBS', '\n'.join(blobs)),
-            ('SCRIPT', part('samples.js') + part('page.js'))):
+        ('STYLE', part('page.css')),
+        ('FACTS', data),
+        ('BLOBS', '\n'.join(blobs)),
+        ('SCRIPT', part('samples.js') + part('page.js')),
+    ):
         before, after = page.split(f'<!--{place}-->')
         page = before + content + after
     return page
@@ -63,23 +71,39 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 def facts_of(run: Run) -> dict[str, Any]:
     """Return what the page says of a run, and needs to draw it."""
     recording, stamps = run.recording, run.states['stamp']
-    cut = '' if recording.unread is None else (
-        f'cut off: {recording.unread} bytes at the end could not be read')
+    cut = (
+        ''
+        if recording.unread is None
+        else (f'cut off: {recording.unread} bytes at the end could not be read')
+    )
     return {
-        'name': run.name, 'count': len(stamps), 'unit': on_grid(stamps - stamps[0])[1] / SECOND,
+        'name': run.name,
+        'count': len(stamps),
+        'unit': on_grid(stamps - stamps[0])[1] / SECOND,
         'settings': [{'first': setting.first, **setting.values} for setting in run.settings],
-        'parameters': {node: texts(values.items()) for node, values in
-                       recording.parameters.items()},
-        'changes': [(f'{(change.stamp - stamps[0]) / SECOND:.9g} s', change.node,
-                     texts((change.changed or change.values).items()))
-                    for change in recording.changes],
-        'provenance': texts([
-            ('bag', str(run.path)), ('recorded by', f'impulse_control_ros {recording.version}'),
-            ('first state at', f'{stamps[0] / SECOND:.9f} s'), *recording.receipt.items(),
-            *([('end', cut)] if cut else [])])}
+        'parameters': {
+            node: texts(values.items()) for node, values in recording.parameters.items()
+        },
+        'changes': [
+            (
+                f'{(change.stamp - stamps[0]) / SECOND:.9g} s',
+                change.node,
+                texts((change.changed or change.values).items()),
+            )
+            for change in recording.changes
+        ],
+        'provenance': texts(
+            [
+                ('bag', str(run.path)),
+                ('recorded by', f'impulse_control_ros {recording.version}'),
+                ('first state at', f'{stamps[0] / SECOND:.9f} s'),
+                *recording.receipt.items(),
+                *([('end', cut)] if cut else []),
+            ]
+        ),
+    }
 
 
 def texts(items: Iterable[tuple[str, Any]]) -> dict[str, str]:
     """Return values as they are read."""
-    return {name: value if isinstance(value, str) else json.dumps(value)
-            for name, value in items}
+    return {name: value if isinstance(value, str) else json.dumps(value) for name, value in items}

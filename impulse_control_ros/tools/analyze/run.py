@@ -47,9 +47,10 @@ def settings_of(recording: Recording) -> list[Setting]:
     told = [change for change in recording.controllers if 'x_r' in change.values]
     firsts = np.searchsorted(recording.states['stamp'], [change.stamp for change in told])
     firsts[:1] = 0
-    return [Setting(first, {name: change.values.get(name, value)
-                            for name, value in NO_GAINS.items()})
-            for first, change in zip(firsts.tolist(), told, strict=True)]
+    return [
+        Setting(first, {name: change.values.get(name, value) for name, value in NO_GAINS.items()})
+        for first, change in zip(firsts.tolist(), told, strict=True)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +114,9 @@ class Run:
             limit = values['effort_limit'] or np.inf
             law[part] = np.clip(
                 -values['K'] * self.error[part] - values['D'] * self.states['velocity'][part],
-                -limit, limit)
+                -limit,
+                limit,
+            )
         return law
 
     @cached_property
@@ -146,13 +149,18 @@ class Run:
         """
         answered = self._places(self.recording.commands['stamp'][:1]).tolist() or [0]
         starts = set(np.flatnonzero(self.states['is_reset']).tolist())
-        starts |= {after.first for before, after in pairwise(self.settings)
-                   if before.values['x_r'] != after.values['x_r']}
+        starts |= {
+            after.first
+            for before, after in pairwise(self.settings)
+            if before.values['x_r'] != after.values['x_r']
+        }
         inside = sorted(start for start in starts if answered[0] < start < len(self.states))
         return [slice(*ends) for ends in pairwise([*answered, *inside, len(self.states)])]
 
     def _spans(self) -> list[tuple[slice, Mapping[str, float]]]:
         """Return each setting with its span of states."""
         ends = [setting.first for setting in self.settings[1:]] + [len(self.states)]
-        return [(slice(setting.first, end), setting.values)
-                for setting, end in zip(self.settings, ends, strict=True)]
+        return [
+            (slice(setting.first, end), setting.values)
+            for setting, end in zip(self.settings, ends, strict=True)
+        ]

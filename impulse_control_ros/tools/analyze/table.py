@@ -29,8 +29,10 @@ FIGURES = {  # in their order: unit, name
     'start': ('s', 'from'),
     'end': ('s', 'to'),
     **{settling(tolerance): ('s', title(settling(tolerance))) for tolerance in TOLERANCES},
-    **{name: MEASURES[name] for name in (
-        'overshoot', 'iae', 'ise', 'final_error', 'peak_velocity')},
+    **{
+        name: MEASURES[name]
+        for name in ('overshoot', 'iae', 'ise', 'final_error', 'peak_velocity')
+    },
     'peak_feedback': ('N', 'peak effort without impulses'),
     **{name: MEASURES[name] for name in ('peak_effort', 'impulses', *COUNTS, 'impulse_area')},
     **{f'{name}_area': ('N s', MEASURES[name][1].replace('impulses', 'area')) for name in COUNTS},
@@ -56,10 +58,15 @@ class Response:
 def responses_of(run: Run, every: bool) -> list[Response]:
     """Return the figures of the last response of a run, or of ``every`` one."""
     spans = run.responses if every else run.responses[-1:]
-    names = [run.name] if len(spans) == 1 else [
-        f'{run.name}:{number}' for number in range(1, len(spans) + 1)]
-    return [Response(name=name, path=run.path, figures=figures_of(run, span))
-            for name, span in zip(names, spans, strict=True)]
+    names = (
+        [run.name]
+        if len(spans) == 1
+        else [f'{run.name}:{number}' for number in range(1, len(spans) + 1)]
+    )
+    return [
+        Response(name=name, path=run.path, figures=figures_of(run, span))
+        for name, span in zip(names, spans, strict=True)
+    ]
 
 
 def figures_of(run: Run, span: slice) -> dict[str, Figure]:
@@ -70,16 +77,24 @@ def figures_of(run: Run, span: slice) -> dict[str, Figure]:
     steps = np.diff(states['stamp'])
     step = int(np.median(steps)) if len(steps) else 1
     figures: dict[str, Figure] = {
-        'start': float(time[0]), 'end': float(time[-1]),
+        'start': float(time[0]),
+        'end': float(time[-1]),
         **{settling(item): settling_time(since, error, item) for item in TOLERANCES},
-        'overshoot': overshoot(error), 'iae': integral(time, size),
-        'ise': integral(time, size * size), 'final_error': float(error[-1]),
-        'peak_velocity': peak(states['velocity']), 'peak_feedback': peak(run.feedback[span]),
-        'peak_effort': peak(run.effort[span]), **impulses_of(run, span),
+        'overshoot': overshoot(error),
+        'iae': integral(time, size),
+        'ise': integral(time, size * size),
+        'final_error': float(error[-1]),
+        'peak_velocity': peak(states['velocity']),
+        'peak_feedback': peak(run.feedback[span]),
+        'peak_effort': peak(run.effort[span]),
+        **impulses_of(run, span),
         'work': work(states['position'], run.applied[span]),
         'impulse_work': work(states['position'], run.impulse[span]),
-        'stuck': intervals, 'stuck_time': stuck_time, 'samples': len(states),
-        'missing': int(np.maximum(np.rint(steps / step) - 1, 0).sum())}
+        'stuck': intervals,
+        'stuck_time': stuck_time,
+        'samples': len(states),
+        'missing': int(np.maximum(np.rint(steps / step) - 1, 0).sum()),
+    }
     return {name: figures[name] for name in FIGURES}
 
 
@@ -98,8 +113,12 @@ def rows_of(responses: Sequence[Response]) -> list[tuple[str, ...]]:
     """Return the rows of a table: the names, then each figure in words, a column a response."""
     rows: list[tuple[str, ...]] = [('', *(response.name for response in responses))]
     for name, (unit, words) in FIGURES.items():
-        rows.append((f'{words} [{unit}]' if unit else words,
-                     *(shown(name, response.figures[name]) for response in responses)))
+        rows.append(
+            (
+                f'{words} [{unit}]' if unit else words,
+                *(shown(name, response.figures[name]) for response in responses),
+            )
+        )
     return rows
 
 
@@ -115,18 +134,22 @@ def shown(name: str, figure: Figure) -> str:
 def as_text(responses: Sequence[Response]) -> str:
     """Return a table with a column for each response."""
     rows = rows_of(responses)
-    widths = [max(12, *(len(row[column]) + 2 for row in rows))
-              for column in range(1, len(rows[0]))]
-    return '\n'.join(f'{words:<{WIDTH}}' + ''.join(
-        f'{cell:>{width}}' for cell, width in zip(cells, widths, strict=True))
-        for words, *cells in rows)
+    widths = [
+        max(12, *(len(row[column]) + 2 for row in rows)) for column in range(1, len(rows[0]))
+    ]
+    return '\n'.join(
+        f'{words:<{WIDTH}}'
+        + ''.join(f'{cell:>{width}}' for cell, width in zip(cells, widths, strict=True))
+        for words, *cells in rows
+    )
 
 
 def plain(response: Response) -> dict[str, Figure | str | None]:
     """Return a response by name; None for what there is not."""
     return {'bag': response.name, 'path': str(response.path)} | {
         name: figure if math.isfinite(figure) else None
-        for name, figure in response.figures.items()}
+        for name, figure in response.figures.items()
+    }
 
 
 def as_json(responses: Sequence[Response]) -> str:
@@ -144,4 +167,7 @@ def as_csv(responses: Sequence[Response]) -> str:
 
 
 FORMATS: dict[str, Callable[[Sequence[Response]], str]] = {
-    'text': as_text, 'json': as_json, 'csv': as_csv}
+    'text': as_text,
+    'json': as_json,
+    'csv': as_csv,
+}

@@ -49,5 +49,7 @@ class Claim:
         mixed = self.verdict == 'with a condition'
         return '; '.join(
             (f'{one.when}: ' if one.when else '')
-            + (('yes, ' if one.holds else 'no, ') if mixed else '') + one.number
-            for one in self.measured)
+            + (('yes, ' if one.holds else 'no, ') if mixed else '')
+            + one.number
+            for one in self.measured
+        )

@@ -31,13 +31,25 @@ PRINT_DPI, DOCS_DPI = 200, 120
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options."""
-    parser = Parser(prog=NAME, description='Draw Figs. 1 to 5 of the paper from our own runs, '
-                    'as PNG and PDF, and print what becomes of its claims.')
+    parser = Parser(
+        prog=NAME,
+        description='Draw Figs. 1 to 5 of the paper from our own runs, '
+        'as PNG and PDF, and print what becomes of its claims.',
+    )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--out', metavar='FOLDER', type=Path, default=Path('figures'),
-                       help='folder for the figures (default: %(default)s)')
-    where.add_argument('--docs', metavar='FOLDER', type=Path,
-                       help='instead of that, renew paper.md and its pictures in FOLDER')
+    where.add_argument(
+        '--out',
+        metavar='FOLDER',
+        type=Path,
+        default=Path('figures'),
+        help='folder for the figures (default: %(default)s)',
+    )
+    where.add_argument(
+        '--docs',
+        metavar='FOLDER',
+        type=Path,
+        help='instead of that, renew paper.md and its pictures in FOLDER',
+    )
     return parser.parse_args(arguments)
 
 
@@ -63,6 +75,7 @@ def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
 
     from impulse_control_ros.tools.paper.document import caption
     from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+
     with rc_context(STYLE):
         for figure in DRAWN:
             drawn = draw(figure, runs, caption(figure, claims))
@@ -77,6 +90,7 @@ def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
 
     from impulse_control_ros.tools.paper.document import renewed
     from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+
     page = folder / 'paper.md'
     with replaced(page) as path:
         path.write_text(renewed(page.read_text(), claims))
@@ -97,6 +111,7 @@ def run(arguments: Sequence[str]) -> None:
     from impulse_control_ros.tools.paper.claims import all_claims
     from impulse_control_ros.tools.paper.document import plain
     from impulse_control_ros.tools.paper.runs import paper_runs
+
     runs = paper_runs()
     claims = all_claims(runs)
     print(plain(claims))

@@ -11,15 +11,23 @@ TITLES = {
     3: 'The varying damping of Fig. 4.',
     4: 'The axis of Fig. 2 under the damping of Fig. 3, with and without impulses.',
     5: 'The axis with Coulomb friction F_c = 1 N from x = 0.15 m at rest, d = 0.15 N s/m, with '
-       'and without impulses.'}
+    'and without impulses.',
+}
 MARKER = '<!-- From here on made by: ros2 run impulse_control_ros paper_figures --docs docs -->'
 
 
 def caption(figure: int, claims: Sequence[Claim]) -> str:
     """Return the caption of a figure: a line on what it shows, and one for each claim on it."""
-    return '\n'.join([f'Fig. {figure}. {TITLES[figure]}', *(
-        f'The paper: {claim.says}. Holds: {claim.verdict}. Ours: {claim.numbers}.'
-        for claim in claims if claim.figure == figure)])
+    return '\n'.join(
+        [
+            f'Fig. {figure}. {TITLES[figure]}',
+            *(
+                f'The paper: {claim.says}. Holds: {claim.verdict}. Ours: {claim.numbers}.'
+                for claim in claims
+                if claim.figure == figure
+            ),
+        ]
+    )
 
 
 def plain(claims: Sequence[Claim]) -> str:
@@ -27,17 +35,20 @@ def plain(claims: Sequence[Claim]) -> str:
     lines = []
     for claim in claims:
         lines.append(f'{claim.verdict:<17}{claim.where}: {claim.says}')
-        lines += textwrap.wrap(claim.numbers, 99, initial_indent=' ' * 17,
-                               subsequent_indent=' ' * 17)
+        lines += textwrap.wrap(
+            claim.numbers, 99, initial_indent=' ' * 17, subsequent_indent=' ' * 17
+        )
     return '\n'.join(lines)
 
 
 def table(claims: Sequence[Claim]) -> list[str]:
     """Return the lines of the claims' Markdown table."""
     rows = [(claim.says, claim.where, claim.verdict, claim.numbers) for claim in claims]
-    return ['| claim | where | holds? | number |', '|---|---|---|---|',
-            *('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |'
-              for row in rows)]
+    return [
+        '| claim | where | holds? | number |',
+        '|---|---|---|---|',
+        *('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in rows),
+    ]
 
 
 def section(claims: Sequence[Claim]) -> str:
@@ -45,8 +56,14 @@ def section(claims: Sequence[Claim]) -> str:
     parts = [MARKER, '', '## Claims', '', *table(claims), '', '## Figures']
     for figure in TITLES:
         first, *others = caption(figure, claims).splitlines()
-        parts += ['', f'![Fig. {figure}](fig{figure}.png)', '', f'**{first}**', '',
-                  *(f'* {line}' for line in others)]
+        parts += [
+            '',
+            f'![Fig. {figure}](fig{figure}.png)',
+            '',
+            f'**{first}**',
+            '',
+            *(f'* {line}' for line in others),
+        ]
     return '\n'.join(parts) + '\n'
 
 

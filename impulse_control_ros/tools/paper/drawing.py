@@ -16,15 +16,28 @@ from impulse_control_ros.tools.paper.runs import Case, FRICTION_SECONDS, Runs
 # The Okabe-Ito colours, which stay apart for any eye; the dashes do so in print.
 PD: dict[str, Any] = {'color': '#0072B2', 'label': 'PD alone'}
 IMPULSES: dict[str, Any] = {'color': '#D55E00', 'label': 'PD and impulses, sampled at 10 kHz'}
-BOUNCE: dict[str, Any] = {'color': '#009E73', 'label': 'exact, one jump a crossing',
-                          'linestyle': (0, (4, 2))}
-STRICT: dict[str, Any] = {'color': 'black', 'label': 'exact, read strictly',
-                          'linestyle': (0, (1, 1.5))}
+BOUNCE: dict[str, Any] = {
+    'color': '#009E73',
+    'label': 'exact, one jump a crossing',
+    'linestyle': (0, (4, 2)),
+}
+STRICT: dict[str, Any] = {
+    'color': 'black',
+    'label': 'exact, read strictly',
+    'linestyle': (0, (1, 1.5)),
+}
 TIME, POSITION, VELOCITY = 'time [s]', 'position [m]', 'velocity [m/s]'
 STYLE: dict[Any, Any] = {  # Any: the names that matplotlib allows vary
-    'font.size': 9.0, 'axes.titlesize': 9.0, 'legend.fontsize': 8.0, 'axes.grid': True,
-    'grid.alpha': 0.3, 'lines.linewidth': 1.4, 'legend.framealpha': 0.9,
-    'pdf.fonttype': 42, 'axes.formatter.useoffset': False}
+    'font.size': 9.0,
+    'axes.titlesize': 9.0,
+    'legend.fontsize': 8.0,
+    'axes.grid': True,
+    'grid.alpha': 0.3,
+    'lines.linewidth': 1.4,
+    'legend.framealpha': 0.9,
+    'pdf.fonttype': 42,
+    'axes.formatter.useoffset': False,
+}
 WIDTH, LINE = 9.0, 0.155  # in; of a figure, and from line to line of its caption
 COLUMNS, NO_BREAK = 148, '\xa0'  # of a line of the caption
 
@@ -36,19 +49,22 @@ def draw(figure: int, runs: Runs, caption: str = '') -> Figure:
     lines = [line for part in bound.splitlines() for line in textwrap.wrap(part, COLUMNS)]
     below = LINE * len(lines) + (0.1 if lines else 0.0)
     whole = height + below
-    drawn = Figure(figsize=(WIDTH, whole), layout=ConstrainedLayoutEngine(
-        rect=(0.0, below / whole, 1.0, height / whole)))
+    drawn = Figure(
+        figsize=(WIDTH, whole),
+        layout=ConstrainedLayoutEngine(rect=(0.0, below / whole, 1.0, height / whole)),
+    )
     panels(drawn, runs)
-    drawn.text(0.012, 0.06 / whole, '\n'.join(lines), fontsize=8.0, va='bottom',
-               linespacing=1.25)
+    drawn.text(0.012, 0.06 / whole, '\n'.join(lines), fontsize=8.0, va='bottom', linespacing=1.25)
     return drawn
 
 
 def fig1(figure: Figure, runs: Runs) -> None:
     """Show PD alone at both bounds of the damping: over time, and in the phase plane."""
     left, right = figure.subplots(1, 2)
-    for case, color, bound in ((runs.pd_upper, 'black', 'upper'),
-                               (runs.pd_lower, PD['color'], 'lower')):
+    for case, color, bound in (
+        (runs.pd_upper, 'black', 'upper'),
+        (runs.pd_lower, PD['color'], 'lower'),
+    ):
         label = f'PD alone, {bound} bound d = {case.axis.damping.value:g} N s/m'
         left.plot(case.run.time, case.run.position, color=color, label=label)
         right.plot(case.run.position, case.run.velocity, color=color)
@@ -103,12 +119,20 @@ def fig3(figure: Figure, runs: Runs) -> None:
     axes = figure.subplots()
     case = runs.varying
     damping = case.axis.damping
-    axes.plot(case.run.time[:-1], case.run.damping, color='black', linewidth=1.0,
-              label=f'white noise through a filter of {damping.bandwidth:g} Hz, '
-              f'seed {damping.seed}')
+    axes.plot(
+        case.run.time[:-1],
+        case.run.damping,
+        color='black',
+        linewidth=1.0,
+        label=f'white noise through a filter of {damping.bandwidth:g} Hz, seed {damping.seed}',
+    )
     for bound, name in ((damping.upper, 'upper'), (damping.lower, 'lower')):
-        axes.axhline(bound, color='#CC79A7', linestyle='--',
-                     label='bounds of (1)' if name == 'upper' else None)
+        axes.axhline(
+            bound,
+            color='#CC79A7',
+            linestyle='--',
+            label='bounds of (1)' if name == 'upper' else None,
+        )
     axes.set(xlabel=TIME, ylabel='damping d(t) [N s/m]', xlim=(0.0, 2.0), ylim=(0.0, 1.9))
     axes.legend(loc='upper right', ncols=2)
 
@@ -137,8 +161,15 @@ def fig5(figure: Figure, runs: Runs) -> None:
     inset = plane.inset_axes((0.13, 0.33, 0.38, 0.4))
     zone = dead_zone(runs.coulomb.gains, runs.coulomb.axis.F_c)
     for axes in (plane, inset):
-        axes.plot((-zone, zone), (0.0, 0.0), color='0.75', linewidth=6.0, zorder=0,
-                  solid_capstyle='butt', label=f'$\\pm F_c/K$ = $\\pm${zone:g} m: PD sticks')
+        axes.plot(
+            (-zone, zone),
+            (0.0, 0.0),
+            color='0.75',
+            linewidth=6.0,
+            zorder=0,
+            solid_capstyle='butt',
+            label=f'$\\pm F_c/K$ = $\\pm${zone:g} m: PD sticks',
+        )
         for case, style in ((runs.pd_coulomb, PD), (runs.coulomb, IMPULSES)):
             axes.plot(case.run.position, case.run.velocity, **style)
     phase_plane(plane)
@@ -155,15 +186,21 @@ def error_over_time(axes: Axes, runs: Runs) -> None:
     """Draw abs(e) without and with impulses, exactly and at each time step."""
     axes.semilogy(runs.pd_coulomb.run.time, runs.pd_coulomb.run.position, **PD)
     grid = np.linspace(0.0, FRICTION_SECONDS, 601)
-    axes.semilogy(grid, runs.coulomb.strict.at(grid)[0],
-                  **STRICT | {'label': 'exact, either reading', 'zorder': 3})
+    axes.semilogy(
+        grid,
+        runs.coulomb.strict.at(grid)[0],
+        **STRICT | {'label': 'exact, either reading', 'zorder': 3},
+    )
     shades = ('#E69F00', IMPULSES['color'], '#882255')
     for (step, run), color in zip(runs.steps.items(), shades, strict=True):
         thin = slice(None, None, max(1, round(1e-3 / step)))
-        axes.semilogy(run.time[thin], np.abs(run.position[thin]), color=color,
-                      label=f'sampled, time step {step:g} s')
-    axes.set(xlabel=TIME, ylabel='|error| [m]', xlim=(0.0, FRICTION_SECONDS),
-             ylim=(5e-7, 0.5))
+        axes.semilogy(
+            run.time[thin],
+            np.abs(run.position[thin]),
+            color=color,
+            label=f'sampled, time step {step:g} s',
+        )
+    axes.set(xlabel=TIME, ylabel='|error| [m]', xlim=(0.0, FRICTION_SECONDS), ylim=(5e-7, 0.5))
     axes.legend(loc='lower left')
 
 
@@ -175,4 +212,9 @@ def phase_plane(axes: Axes) -> None:
 
 
 DRAWN: dict[int, tuple[Callable[[Figure, Runs], None], float]] = {
-    1: (fig1, 3.0), 2: (fig2, 4.4), 3: (fig3, 2.4), 4: (fig4, 3.3), 5: (fig5, 3.8)}
+    1: (fig1, 3.0),
+    2: (fig2, 4.4),
+    3: (fig3, 2.4),
+    4: (fig4, 3.3),
+    5: (fig5, 3.8),
+}

@@ -65,12 +65,20 @@ def critical_response(pd: Case) -> Claim:
     critical = pd.axis.x_0 * (1.0 + 10.0 * pd.run.time) * np.exp(-10.0 * pd.run.time)
     apart = peak(pd.run.position - critical)
     return Claim(
-        key='critical response', figure=1, where='Fig. 1, section IV',
+        key='critical response',
+        figure=1,
+        where='Fig. 1, section IV',
         says='at the upper bound of the damping, PD alone responds critically damped',
-        measured=(Measured(
-            holds=beyond == 0.0 and apart < 1e-3, values=(beyond, 1e3 * apart, settled(pd.run)),
-            text='no overshoot ({:.0f} m), at most {:.2f} mm off the closed form (the hold of one '
-            'sample), within 1e-3 m from {:.4f} s'),))
+        measured=(
+            Measured(
+                holds=beyond == 0.0 and apart < 1e-3,
+                values=(beyond, 1e3 * apart, settled(pd.run)),
+                text='no overshoot ({:.0f} m), at most {:.2f} mm off the closed form (the '
+                'hold of one '
+                'sample), within 1e-3 m from {:.4f} s',
+            ),
+        ),
+    )
 
 
 def oscillates(pd: Case) -> Claim:
@@ -81,13 +89,27 @@ def oscillates(pd: Case) -> Claim:
     period = pd.run.time[zeros[2]] - pd.run.time[zeros[0]]
     late = settled(pd.run, 1e-2)
     return Claim(
-        key='oscillates', figure=1, where='Fig. 1, section IV',
+        key='oscillates',
+        figure=1,
+        where='Fig. 1, section IV',
         says='at the lower bound it oscillates, and converges after several periods',
-        measured=(Measured(
-            holds=swings >= 4, values=(overshoot(pd.run.position), swings, period, late,
-                                       late / period, settled(pd.run)),
-            text='overshoot {:.3f} m, {:.0f} half swings above 1 % of the start, period {:.3f} s; '
-            'within 1e-2 m from {:.4f} s ({:.1f} periods), within 1e-3 m from {:.4f} s'),))
+        measured=(
+            Measured(
+                holds=swings >= 4,
+                values=(
+                    overshoot(pd.run.position),
+                    swings,
+                    period,
+                    late,
+                    late / period,
+                    settled(pd.run),
+                ),
+                text='overshoot {:.3f} m, {:.0f} half swings above 1 % of the start, '
+                'period {:.3f} s; '
+                'within 1e-2 m from {:.4f} s ({:.1f} periods), within 1e-3 m from {:.4f} s',
+            ),
+        ),
+    )
 
 
 def faster(case: Case, pd: Case) -> Claim:
@@ -95,14 +117,24 @@ def faster(case: Case, pd: Case) -> Claim:
     without, time = settled(pd.run), pd.run.time
     text = 'within 1e-3 m from {:.4f} s, PD from {:.4f} s, so {:.1f} times sooner'
     return Claim(
-        key='faster', figure=2, where='Fig. 2, section IV-A',
+        key='faster',
+        figure=2,
+        where='Fig. 2, section IV-A',
         says='with impulses the position converges much faster',
         measured=tuple(
-            Measured(when=when, holds=late < 0.5 * without, values=(late, without, without / late),
-                     text=text)
-            for when, late in ((STRICT, settled_exactly(case.strict, time)),
-                               (ONE_JUMP, settled_exactly(case.one_jump, time)),
-                               (SAMPLED, settled(case.run)))))
+            Measured(
+                when=when,
+                holds=late < 0.5 * without,
+                values=(late, without, without / late),
+                text=text,
+            )
+            for when, late in (
+                (STRICT, settled_exactly(case.strict, time)),
+                (ONE_JUMP, settled_exactly(case.one_jump, time)),
+                (SAMPLED, settled(case.run)),
+            )
+        ),
+    )
 
 
 def linear(case: Case) -> Claim:
@@ -114,46 +146,80 @@ def linear(case: Case) -> Claim:
     unstarted = replace(case.axis, v_0=-1e-9)  # not on the guard
     later = solve(unstarted, case.gains, 2.0).end_time
     return Claim(
-        key='linear', figure=2, where='Fig. 2, section IV-A',
+        key='linear',
+        figure=2,
+        where='Fig. 2, section IV-A',
         says='it does so at a nearly linear rate, that of the induced velocity',
-        measured=(Measured(
-            holds=bent < 0.05, values=(
-                velocity[0], velocity.min(), case.strict.events[1]['velocity_before'], 1e2 * bent,
-                end, later),
-            text='the impulse at t = 0 induces {:.2f} m/s as (25) says; then v is {:.2f} to '
-            '{:.2f} m/s and x at most {:.1f} % of the start off a line to e = 0 at {:.4f} s '
-            '(without an impulse at t = 0, which the paper does not state, at {:.4f} s)'),))
+        measured=(
+            Measured(
+                holds=bent < 0.05,
+                values=(
+                    velocity[0],
+                    velocity.min(),
+                    case.strict.events[1]['velocity_before'],
+                    1e2 * bent,
+                    end,
+                    later,
+                ),
+                text='the impulse at t = 0 induces {:.2f} m/s as (25) says; then v is {:.2f} to '
+                '{:.2f} m/s and x at most {:.1f} % of the start off a line to e = 0 at {:.4f} s '
+                '(without an impulse at t = 0, which the paper does not state, at {:.4f} s)',
+            ),
+        ),
+    )
 
 
 def peak_velocity(case: Case, pd: Case) -> Claim:
     """Fig. 2, the price."""
     ours, theirs = peak(case.run.velocity), peak(pd.run.velocity)
     return Claim(
-        key='peak velocity', figure=2, where='Fig. 2, section IV-A',
+        key='peak velocity',
+        figure=2,
+        where='Fig. 2, section IV-A',
         says='the peak velocity is not significantly higher than that of PD',
-        measured=(Measured(
-            holds=ours < 1.5 * theirs, values=(
-                ours, theirs, 1e2 * (ours / theirs - 1.0), peak(case.run.effort),
-                peak(pd.run.effort)),
-            text='{:.3f} m/s against {:.3f} m/s, {:.0f} % more; the peak effort, which the paper '
-            'does not give, is {:.0f} N for one sample against {:.0f} N'),))
+        measured=(
+            Measured(
+                holds=ours < 1.5 * theirs,
+                values=(
+                    ours,
+                    theirs,
+                    1e2 * (ours / theirs - 1.0),
+                    peak(case.run.effort),
+                    peak(pd.run.effort),
+                ),
+                text='{:.3f} m/s against {:.3f} m/s, {:.0f} % more; the peak effort, '
+                'which the paper '
+                'does not give, is {:.0f} N for one sample against {:.0f} N',
+            ),
+        ),
+    )
 
 
 def minor_peaks(case: Case, pd: Case) -> Claim:
     """Fig. 2, what remains after the first position zero."""
     start, first = case.axis.x_0, case.strict.end_time
     time = pd.run.time[pd.run.time > first]
-    sampled = peak(case.run.position[-len(time):])
-    found = ((STRICT, peak(case.strict.at(time)[0])), (ONE_JUMP, turns(case.one_jump)[1]),
-             (SAMPLED, sampled))
+    sampled = peak(case.run.position[-len(time) :])
+    found = (
+        (STRICT, peak(case.strict.at(time)[0])),
+        (ONE_JUMP, turns(case.one_jump)[1]),
+        (SAMPLED, sampled),
+    )
     return Claim(
-        key='minor peaks', figure=2, where='Fig. 2, section IV-A',
+        key='minor peaks',
+        figure=2,
+        where='Fig. 2, section IV-A',
         says='the transient peaks near zero are negligible beside the swings of PD',
         measured=tuple(
-            Measured(when=when, holds=bool(most < NEGLIGIBLE * start),
-                     values=(1e3 * most, 1e2 * most / start, 1e3 * overshoot(pd.run.position)),
-                     text='{:.2f} mm, {:.2g} % of the start (PD: {:.0f} mm)')
-            for when, most in found))
+            Measured(
+                when=when,
+                holds=bool(most < NEGLIGIBLE * start),
+                values=(1e3 * most, 1e2 * most / start, 1e3 * overshoot(pd.run.position)),
+                text='{:.2f} mm, {:.2g} % of the start (PD: {:.0f} mm)',
+            )
+            for when, most in found
+        ),
+    )
 
 
 def bounded_damping(case: Case) -> Claim:
@@ -162,33 +228,54 @@ def bounded_damping(case: Case) -> Claim:
     held = float(np.mean((damping <= limits.lower) | (damping >= limits.upper)))
     within = damping.min() >= limits.lower and damping.max() <= limits.upper
     return Claim(
-        key='bounded damping', figure=3, where='Fig. 3, section IV-B',
+        key='bounded damping',
+        figure=3,
+        where='Fig. 3, section IV-B',
         says='low-pass filtered white noise with a bias gives a damping that meets (1)',
         measured=(
-            Measured(when='held at the bounds', holds=bool(within), values=(
-                damping.min(), damping.max(), damping.mean(), limits.bandwidth),
+            Measured(
+                when='held at the bounds',
+                holds=bool(within),
+                values=(damping.min(), damping.max(), damping.mean(), limits.bandwidth),
                 text='{:.3f} to {:.3f} N s/m, mean {:.3f} N s/m ({:g} Hz, our choice: the paper '
-                'gives neither corner nor variance)'),
-            Measured(when='by its bias alone', holds=held == 0.0, values=(1e2 * held,),
-                     text='it would leave them {:.1f} % of the time')))
+                'gives neither corner nor variance)',
+            ),
+            Measured(
+                when='by its bias alone',
+                holds=held == 0.0,
+                values=(1e2 * held,),
+                text='it would leave them {:.1f} % of the time',
+            ),
+        ),
+    )
 
 
 def comparable(runs: Runs) -> Claim:
     """Fig. 4, the first position zero."""
     theirs, ours = zero_of(runs.pd_varying.run), zero_of(runs.varying.run)
-    ratios = [zero_of(with_impulses)[1] / zero_of(without)[1]
-              for without, with_impulses in runs.seeds]
+    ratios = [
+        zero_of(with_impulses)[1] / zero_of(without)[1] for without, with_impulses in runs.seeds
+    ]
     return Claim(
-        key='comparable', figure=4, where='Fig. 4, section IV-B',
+        key='comparable',
+        figure=4,
+        where='Fig. 4, section IV-B',
         says='the first position zero is passed at comparable velocities',
         measured=(
-            Measured(when='the damping of our Fig. 3', holds=0.5 < ours[1] / theirs[1] < 2.0,
-                     values=(ours[1], theirs[1], ours[0], theirs[0]),
-                     text='{:.2f} m/s with and {:.2f} m/s without impulses, at {:.3f} and '
-                     '{:.3f} s'),
-            Measured(when=f'{len(ratios)} other signals', holds=max(ratios) < 2.0,
-                     values=(float(np.median(ratios)), min(ratios), max(ratios)),
-                     text='the ratio is {:.1f} in the median, {:.1f} to {:.1f}')))
+            Measured(
+                when='the damping of our Fig. 3',
+                holds=0.5 < ours[1] / theirs[1] < 2.0,
+                values=(ours[1], theirs[1], ours[0], theirs[0]),
+                text='{:.2f} m/s with and {:.2f} m/s without impulses, at {:.3f} and {:.3f} s',
+            ),
+            Measured(
+                when=f'{len(ratios)} other signals',
+                holds=max(ratios) < 2.0,
+                values=(float(np.median(ratios)), min(ratios), max(ratios)),
+                text='the ratio is {:.1f} in the median, {:.1f} to {:.1f}',
+            ),
+        ),
+    )
 
 
 def immediate(runs: Runs) -> Claim:
@@ -197,18 +284,33 @@ def immediate(runs: Runs) -> Claim:
     zero, pd_zero = zero_of(run)[0], zero_of(runs.pd_varying.run)[0]
     pd = settled(runs.pd_varying.run) - pd_zero
     tiny = settled(run, TINY) - zero
-    worst = max(settled(with_impulses, TINY) - zero_of(with_impulses)[0]
-                for _, with_impulses in runs.seeds)
+    worst = max(
+        settled(with_impulses, TINY) - zero_of(with_impulses)[0] for _, with_impulses in runs.seeds
+    )
     bounce = settled_exactly(runs.varying.one_jump, time, TINY) - zero
     return Claim(
-        key='immediate', figure=4, where='Fig. 4, section IV-B',
+        key='immediate',
+        figure=4,
+        where='Fig. 4, section IV-B',
         says='then the convergence is almost immediate, and only with impulses',
         measured=(
-            Measured(when=STRICT, holds=runs.varying.strict.end is End.ORIGIN,
-                     text='at rest in the origin at that instant'),
-            Measured(when=ONE_JUMP, holds=bool(bounce < SOON), values=(bounce,),
-                     text='the axis bounces, within 1e-6 m only {:.2f} s later'),
-            Measured(when=SAMPLED, holds=worst < SOON, values=(
-                1e3 * tiny, len(runs.seeds), 1e3 * worst, pd),
+            Measured(
+                when=STRICT,
+                holds=runs.varying.strict.end is End.ORIGIN,
+                text='at rest in the origin at that instant',
+            ),
+            Measured(
+                when=ONE_JUMP,
+                holds=bool(bounce < SOON),
+                values=(bounce,),
+                text='the axis bounces, within 1e-6 m only {:.2f} s later',
+            ),
+            Measured(
+                when=SAMPLED,
+                holds=worst < SOON,
+                values=(1e3 * tiny, len(runs.seeds), 1e3 * worst, pd),
                 text='within 1e-6 m {:.1f} ms later (worst of {:.0f} other signals {:.1f} ms); '
-                'PD within 1e-3 m {:.2f} s later')))
+                'PD within 1e-3 m {:.2f} s later',
+            ),
+        ),
+    )

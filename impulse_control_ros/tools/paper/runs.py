@@ -58,37 +58,52 @@ def case(axis: Axis, gains: Controller, seconds: float = SECONDS) -> Case:
     varies = axis.damping.kind != 'constant'
     breaks = run.time[1:-1] if varies else ()
     dampings = run.damping if varies else None
-    strict, one_jump = (solve(axis, gains, seconds, reading=reading, breaks=breaks,
-                              dampings=dampings)
-                        for reading in (Reading.STRICT, Reading.ONE_JUMP))
+    strict, one_jump = (
+        solve(axis, gains, seconds, reading=reading, breaks=breaks, dampings=dampings)
+        for reading in (Reading.STRICT, Reading.ONE_JUMP)
+    )
     return Case(axis=axis, gains=gains, run=run, strict=strict, one_jump=one_jump)
 
 
 def with_step(axis: Axis, gains: Controller, time_step: float, seconds: float) -> Run:
     """Run the sampled loop with another time step [s]."""
-    return simulate(replace(axis, time_step=time_step), replace(gains, time_step=time_step),
-                    seconds)
+    return simulate(
+        replace(axis, time_step=time_step), replace(gains, time_step=time_step), seconds
+    )
 
 
 def paper_runs() -> Runs:
     """Make all runs."""
-    experiments = {name: read_experiment(shipped_experiment(name)) for name in (
-        'pd_only_upper', 'pd_only_lower', 'underdamped', 'time_varying', 'coulomb')}
-    cases = {name: case(experiment.plant_simulator, experiment.controller,
-                        FRICTION_SECONDS if name == 'coulomb' else SECONDS)
-             for name, experiment in experiments.items()}
+    experiments = {
+        name: read_experiment(shipped_experiment(name))
+        for name in ('pd_only_upper', 'pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
+    }
+    cases = {
+        name: case(
+            experiment.plant_simulator,
+            experiment.controller,
+            FRICTION_SECONDS if name == 'coulomb' else SECONDS,
+        )
+        for name, experiment in experiments.items()
+    }
     varying, coulomb = cases['time_varying'], cases['coulomb']
     return Runs(
-        pd_upper=cases['pd_only_upper'], pd_lower=cases['pd_only_lower'],
-        impulses=cases['underdamped'], varying=varying, coulomb=coulomb,
+        pd_upper=cases['pd_only_upper'],
+        pd_lower=cases['pd_only_lower'],
+        impulses=cases['underdamped'],
+        varying=varying,
+        coulomb=coulomb,
         pd_varying=case(varying.axis, replace(varying.gains, impulses=False)),
         pd_coulomb=case(coulomb.axis, replace(coulomb.gains, impulses=False), FRICTION_SECONDS),
         seeds=tuple(_pair(varying, seed) for seed in SEEDS),
-        steps={step: with_step(coulomb.axis, coulomb.gains, step, 5.0) for step in STEPS})
+        steps={step: with_step(coulomb.axis, coulomb.gains, step, 5.0) for step in STEPS},
+    )
 
 
 def _pair(varying: Case, seed: int) -> tuple[Run, Run]:
     axis = replace(varying.axis, damping=replace(varying.axis.damping, seed=seed))
-    without, with_impulses = (simulate(axis, replace(varying.gains, impulses=impulses), SECONDS)
-                              for impulses in (False, True))
+    without, with_impulses = (
+        simulate(axis, replace(varying.gains, impulses=impulses), SECONDS)
+        for impulses in (False, True)
+    )
     return without, with_impulses

@@ -34,10 +34,20 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = argparse.ArgumentParser(prog='robustness', description=__doc__)
     parser.add_argument('docs', type=Path, help='the folder of robustness.md')
-    parser.add_argument('--studies', metavar='FOLDER', type=Path, default=Path('studies'),
-                        help='where robustness_*.yaml are (default: %(default)s)')
-    parser.add_argument('--runs', metavar='FOLDER', type=Path, default=Path('runs'),
-                        help='where their results are, or come (default: %(default)s)')
+    parser.add_argument(
+        '--studies',
+        metavar='FOLDER',
+        type=Path,
+        default=Path('studies'),
+        help='where robustness_*.yaml are (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--runs',
+        metavar='FOLDER',
+        type=Path,
+        default=Path('runs'),
+        help='where their results are, or come (default: %(default)s)',
+    )
     return parser.parse_args(arguments)
 
 
@@ -70,8 +80,9 @@ def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
             comparison = compared(study, column)
             lines = block(name, comparison)
             with rc_context(STYLE), replaced(docs / f'{name}.png') as made:
-                made.write_bytes(saved(picture(comparison, study.extent.duration), 'png',
-                                       DOCS_DPI))
+                made.write_bytes(
+                    saved(picture(comparison, study.extent.duration), 'png', DOCS_DPI)
+                )
         page = renewed(page, name, lines)
     with replaced(path) as made:
         made.write_text(page)
@@ -96,7 +107,10 @@ def tuned(study: Study, column: Column) -> list[str]:
     """Return the table of the tuning."""
     means = mean_iae(study, column)
     best = study.axes['K_i'][int(np.argmin(means))]
-    return ['| K_i [N/(m s)] | ' + ' | '.join(f'{gain:g}' for gain in study.axes['K_i']) + ' |',
-            '|---' * (len(means) + 1) + '|',
-            '| mean IAE [m s] | ' + ' | '.join(f'{mean:.4f}' for mean in means) + ' |', '',
-            f'The least is at K_i = {best:g} N/(m s).']
+    return [
+        '| K_i [N/(m s)] | ' + ' | '.join(f'{gain:g}' for gain in study.axes['K_i']) + ' |',
+        '|---' * (len(means) + 1) + '|',
+        '| mean IAE [m s] | ' + ' | '.join(f'{mean:.4f}' for mean in means) + ' |',
+        '',
+        f'The least is at K_i = {best:g} N/(m s).',
+    ]

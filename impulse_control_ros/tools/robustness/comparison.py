@@ -51,8 +51,10 @@ def compared(study: Study, column: Column) -> Comparison:
     (disturbance, levels), *others = study.axes.items()
     expected = {name: size for name, size in AXES.items() if name != disturbance}
     if {name: len(values) for name, values in others if len(values) > 1} != expected:
-        raise ParameterError(f'invalid axes {", ".join(study.axes)}: must be a '
-                             f'disturbance and two values of {", ".join(expected)}')
+        raise ParameterError(
+            f'invalid axes {", ".join(study.axes)}: must be a '
+            f'disturbance and two values of {", ".join(expected)}'
+        )
     shape = (len(levels), *expected.values(), study.extent.runs)
     frictions = tuple(study.axes['F_c']) if 'F_c' in expected else ()
 
@@ -61,11 +63,16 @@ def compared(study: Study, column: Column) -> Comparison:
     def of(name: str) -> np.ndarray:
         values = np.where(lost, np.nan, shown(column, name)).reshape(shape)
         return quantiles(values, SHARES).reshape(
-            len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS))
+            len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS)
+        )
+
     return Comparison(
-        disturbance=disturbance, levels=tuple(levels), frictions=frictions,
+        disturbance=disturbance,
+        levels=tuple(levels),
+        frictions=frictions,
         figures={'settling': of(settling(study.tolerances[0]))}
-        | {figure: of(name) for figure, name in FIGURES.items()})
+        | {figure: of(name) for figure, name in FIGURES.items()},
+    )
 
 
 def runs_of(places: list[int]) -> Iterator[tuple[int, int]]:

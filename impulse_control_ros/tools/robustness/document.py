@@ -28,25 +28,36 @@ def renewed(page: str, name: str, lines: Sequence[str]) -> str:
 
 def block(name: str, comparison: Comparison) -> list[str]:
     """Return the lines of a study: its picture, its table and where impulses lose."""
-    return [f'![{comparison.disturbance}]({name}.png)', '', *table(comparison), '',
-            *losses(comparison)]
+    return [
+        f'![{comparison.disturbance}]({name}.png)',
+        '',
+        *table(comparison),
+        '',
+        *losses(comparison),
+    ]
 
 
 def table(comparison: Comparison) -> list[str]:
     """Return a table of medians at some levels."""
     frictions = ['F_c [N]'] if comparison.frictions else []
-    heads = [axis_label(comparison.disturbance), *frictions,
-             *(f'{controller} [s]' for controller in CONTROLLERS),
-             *(f'{controller} [mm]' for controller in CONTROLLERS)]
+    heads = [
+        axis_label(comparison.disturbance),
+        *frictions,
+        *(f'{controller} [s]' for controller in CONTROLLERS),
+        *(f'{controller} [mm]' for controller in CONTROLLERS),
+    ]
     lines = ['| ' + ' | '.join(heads) + ' |', '|---' * len(heads) + '|']
     for friction in range(len(comparison.frictions) or 1):
         for place in some(len(comparison.levels)):
             cells = [f'{comparison.levels[place]:.3g}']
-            cells += [f'{value:g}' for value in comparison.frictions[friction:friction + 1]]
-            cells += [seconds(value) for value in
-                      comparison.figures['settling'][MEDIAN, place, friction]]
-            cells += [millimetres(value) for value in
-                      comparison.figures['residual'][MEDIAN, place, friction]]
+            cells += [f'{value:g}' for value in comparison.frictions[friction : friction + 1]]
+            cells += [
+                seconds(value) for value in comparison.figures['settling'][MEDIAN, place, friction]
+            ]
+            cells += [
+                millimetres(value)
+                for value in comparison.figures['residual'][MEDIAN, place, friction]
+            ]
             lines.append('| ' + ' | '.join(cells) + ' |')
     return lines
 
@@ -74,14 +85,25 @@ def losses(comparison: Comparison) -> list[str]:
     lines = []
     for friction in range(len(comparison.frictions) or 1):
         where = ''.join(
-            f'F_c = {value:g} N: ' for value in comparison.frictions[friction:friction + 1])
-        said = [f'{words} ' + ', '.join(lost)
-                for figure, words in FIGURES.items() if (lost := [
+            f'F_c = {value:g} N: ' for value in comparison.frictions[friction : friction + 1]
+        )
+        said = [
+            f'{words} ' + ', '.join(lost)
+            for figure, words in FIGURES.items()
+            if (
+                lost := [
                     f'than {CONTROLLERS[other]} at '
                     + ' and '.join(stretch(comparison, *ends) for ends in runs_of(places))
-                    for other in (0, 1) if (places := comparison.worse(figure, friction, other))])]
-        lines.append(f'* {where}impulses ' + (
-            '; '.join(said) if said else 'are at no level worse than PD or PID') + '.')
+                    for other in (0, 1)
+                    if (places := comparison.worse(figure, friction, other))
+                ]
+            )
+        ]
+        lines.append(
+            f'* {where}impulses '
+            + ('; '.join(said) if said else 'are at no level worse than PD or PID')
+            + '.'
+        )
     return lines
 
 

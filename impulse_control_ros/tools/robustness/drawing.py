@@ -18,11 +18,18 @@ from impulse_control_ros.tools.sweep_pictures import axis_label
 
 # The Okabe-Ito colours, which stay apart for any eye; marks and dashes do so in print.
 STYLES: tuple[dict[str, Any], ...] = (
-    {'color': '#0072B2', 'marker': 's'}, {'color': '#009E73', 'marker': '^'},
-    {'color': '#D55E00', 'marker': 'o'}, {'color': '#555555', 'linestyle': (0, (3, 2))})
+    {'color': '#0072B2', 'marker': 's'},
+    {'color': '#009E73', 'marker': '^'},
+    {'color': '#D55E00', 'marker': 'o'},
+    {'color': '#555555', 'linestyle': (0, (3, 2))},
+)
 FLOOR = {'settling': 0.0, 'residual': 1e-6, 'peak': 0.0, 'impulses': 1.0}  # less is drawn there
-LABELS = {'settling': 'settling time [s]', 'residual': 'residual error [m]',
-          'peak': 'peak effort [N]', 'impulses': 'impulses in a run'}
+LABELS = {
+    'settling': 'settling time [s]',
+    'residual': 'residual error [m]',
+    'peak': 'peak effort [N]',
+    'impulses': 'impulses in a run',
+}
 WITHOUT = 2  # so many controllers have no impulses
 BANDS = 3  # the fourth controller's would hide those of the others
 
@@ -35,8 +42,7 @@ def picture(comparison: Comparison, duration: float) -> Figure:
     """
     frictions = comparison.frictions or (None,)
     figure = Figure(figsize=(4.6 * len(frictions) + 0.4, 9.6), layout='constrained')
-    panels = figure.subplots(len(LABELS), len(frictions), sharex=True, sharey='row',
-                             squeeze=False)
+    panels = figure.subplots(len(LABELS), len(frictions), sharex=True, sharey='row', squeeze=False)
     for row, key in zip(panels, LABELS, strict=True):
         row[0].set_ylabel(LABELS[key])
         for place, axes in enumerate(row):
@@ -54,8 +60,11 @@ def picture(comparison: Comparison, duration: float) -> Figure:
     for axes in panels[-1]:
         axes.set_xlabel(axis_label(comparison.disturbance))
         scale(axes, comparison.levels)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=len(CONTROLLERS),
-                  loc='outside upper center')
+    figure.legend(
+        *panels[0, 0].get_legend_handles_labels(),
+        ncols=len(CONTROLLERS),
+        loc='outside upper center',
+    )
     return figure
 
 
@@ -63,12 +72,14 @@ def curve(axes: Axes, levels: tuple[float, ...], values: np.ndarray, number: int
     """Draw the median of a controller, and its band from 10 to 90 % of the runs."""
     style = STYLES[number]
     if number < BANDS:
-        axes.fill_between(levels, values[LOW], values[HIGH], color=style['color'], alpha=0.15,
-                          lw=0)
+        axes.fill_between(
+            levels, values[LOW], values[HIGH], color=style['color'], alpha=0.15, lw=0
+        )
     axes.plot(levels, values[MEDIAN], markersize=3.5, label=CONTROLLERS[number], **style)
     lost = [level for level, value in zip(levels, values[MEDIAN], strict=True) if np.isnan(value)]
-    axes.plot(lost, [0.96] * len(lost), 'x', color=style['color'],
-              transform=axes.get_xaxis_transform())
+    axes.plot(
+        lost, [0.96] * len(lost), 'x', color=style['color'], transform=axes.get_xaxis_transform()
+    )
 
 
 def name_ticks(axes: Axes) -> None:
@@ -84,8 +95,10 @@ def name_ticks(axes: Axes) -> None:
 def mark_never(axes: Axes, duration: float) -> None:
     """Give those that do not settle a place above the ``duration`` [s] of a run."""
     axes.axhline(1.3 * duration, color='black', lw=0.6)
-    axes.set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
-                    ['0.02', '0.05', '0.1', '0.2', '0.5', '1', '2', '5', 'never'])
+    axes.set_yticks(
+        [0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 2.0 * duration],
+        ['0.02', '0.05', '0.1', '0.2', '0.5', '1', '2', '5', 'never'],
+    )
     axes.minorticks_off()
     axes.set_ylim(top=2.7 * duration)
 

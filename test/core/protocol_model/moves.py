@@ -29,9 +29,19 @@ Moves = Iterator[tuple[tuple[object, ...], World]]  # what happens, in words
 def start(ids: tuple[str, ...], recorder: str, bound: Bound) -> Worlds:
     """Yield the worlds in which the plant has just published its first state."""
     none = ((),) * len(ids)
-    yield from publish(World(
-        Plant(StateHeader('00000001')), tuple(map(Controller, ids)),
-        Recorder(recorder, alive=bool(recorder)), bound, not bound.faults, none, none, (), ()))
+    yield from publish(
+        World(
+            Plant(StateHeader('00000001')),
+            tuple(map(Controller, ids)),
+            Recorder(recorder, alive=bool(recorder)),
+            bound,
+            not bound.faults,
+            none,
+            none,
+            (),
+            (),
+        )
+    )
 
 
 def each(worlds: Worlds, *what: object) -> Moves:
@@ -49,8 +59,7 @@ def moves(world: World) -> Moves:
         quiet = False
         yield move
     if quiet and len(recorder.pending) > 1 and (recorder.commands or recorder.reached >= 0):
-        yield ('recorder gives up',), world._replace(
-            recorder=give_up(recorder, world.acted))
+        yield ('recorder gives up',), world._replace(recorder=give_up(recorder, world.acted))
     for name, _ in plant.joined:
         if not (recorder.alive and name == recorder.id):
             yield from each(drop(world, name), 'recorder_timeout')
@@ -59,8 +68,10 @@ def moves(world: World) -> Moves:
             yield from each(on_silence(world, COMMAND_TIMEOUT), 'command_timeout')
         yield from each(on_silence(world, PATIENCE), 'published again')
     elif plant.alive and world.bound.copies:
-        yield from each(on_silence(world._replace(
-            bound=spend(world.bound, 'copies')), PATIENCE), 'published again')
+        yield from each(
+            on_silence(world._replace(bound=spend(world.bound, 'copies')), PATIENCE),
+            'published again',
+        )
     yield from starts(world)
     if world.bound.faults:
         yield from faults(world._replace(bound=spend(world.bound, 'faults')), quiet)
@@ -87,11 +98,17 @@ def deliveries(world: World) -> Moves:
         one = world.controllers[at]
         for state in heads(waiting, one.last.run):
             first = waiting.index(state)
-            left = world._replace(states=put(
-                world.states, at, waiting[:first] + waiting[first + 1:]))
+            left = world._replace(
+                states=put(world.states, at, waiting[:first] + waiting[first + 1 :])
+            )
             for quiet in quiet_times(world, at, state):
-                yield from each(on_state(left, at, state, quiet), one.id, 'gets', state,
-                                *['after silence'] * (quiet > 0))
+                yield from each(
+                    on_state(left, at, state, quiet),
+                    one.id,
+                    'gets',
+                    state,
+                    *['after silence'] * (quiet > 0),
+                )
 
 
 def heads(waiting: tuple[State, ...], first: str | None) -> list[State]:
@@ -107,20 +124,29 @@ def quiet_times(world: World, at: int, state: State) -> tuple[float, ...]:
     run = world.controllers[at].last.run
     if run in (None, state.header.run):
         return (0.0,)
-    comes = (world.plant.alive and world.plant.header.run == run
-             or any(one.header.run == run for one in world.states[at]))
+    comes = (
+        world.plant.alive
+        and world.plant.header.run == run
+        or any(one.header.run == run for one in world.states[at])
+    )
     return (0.0,) if comes else (RUN_TIMEOUT, 0.0)
 
 
 def starts(world: World) -> Moves:
     plant, recorder = world.plant, world.recorder
     if not plant.alive:
-        yield from each(publish(world._replace(
-            plant=Plant(StateHeader(successor(plant.header.run))))), 'plant starts')
+        yield from each(
+            publish(world._replace(plant=Plant(StateHeader(successor(plant.header.run))))),
+            'plant starts',
+        )
     for at, one in enumerate(world.controllers):
         if not one.alive and one.id != FOREIGN:
-            yield ('controller starts',), world._replace(controllers=put(
-                world.controllers, at, Controller(successor(one.id))))
+            yield (
+                ('controller starts',),
+                world._replace(
+                    controllers=put(world.controllers, at, Controller(successor(one.id)))
+                ),
+            )
     if recorder.id and not recorder.alive:
         yield ('recorder starts',), world._replace(recorder=Recorder(successor(recorder.id)))
 
@@ -137,30 +163,44 @@ def faults(world: World, quiet: bool) -> Moves:
         yield from each(drop(world, recorder.id), 'recorder_timeout early')
     if plant.alive and not is_alive(world, FOREIGN):  # it knows no run: two are one to it
         after = world._replace(
-            plant=plant._replace(alive=False, joined=()), commands=((),) * len(world.commands),
-            recorder=deaf(recorder, plant.header.run))
+            plant=plant._replace(alive=False, joined=()),
+            commands=((),) * len(world.commands),
+            recorder=deaf(recorder, plant.header.run),
+        )
         yield ('plant is killed',), after
         if after.recorded_states:
-            yield ('plant is killed before its states are through',), after._replace(
-                recorded_states=())
+            yield (
+                ('plant is killed before its states are through',),
+                after._replace(recorded_states=()),
+            )
     for at, one in enumerate(world.controllers):
         if one.alive:
             yield from kill(world, at)
     if recorder.alive:
-        yield ('recorder is killed',), world._replace(
-            recorder=Recorder(recorder.id, alive=False), recorded_states=(), recorded_commands=())
+        yield (
+            ('recorder is killed',),
+            world._replace(
+                recorder=Recorder(recorder.id, alive=False),
+                recorded_states=(),
+                recorded_commands=(),
+            ),
+        )
 
 
 def kill(world: World, at: int) -> Moves:
     name, sent = world.controllers[at].id, world.recorded_commands
     after = world._replace(
         controllers=put(world.controllers, at, Controller(name, alive=False)),
-        states=put(world.states, at, ()), recorder=deaf(world.recorder, name))
+        states=put(world.states, at, ()),
+        recorder=deaf(world.recorder, name),
+    )
     yield (name, 'is killed'), after
     through = tuple(one for one in sent if one.header.author != name)
     if through != sent:
-        yield (name, 'is killed before its commands are through'), after._replace(
-            recorded_commands=through)
+        yield (
+            (name, 'is killed before its commands are through'),
+            after._replace(recorded_commands=through),
+        )
 
 
 def deaf(recorder: Recorder, writer: str) -> Recorder:

@@ -9,8 +9,10 @@ from impulse_control_ros.core import protocol
 from impulse_control_ros.core.protocol import Answered, ENDLESS, Reply, RUN_TIMEOUT, Verdict
 from test.core.protocol_model import processes, recorder
 
-REAL = {name: getattr(protocol, name) for name in (
-    'judge_command', 'judge_state', 'after_silence', 'step_limit')}
+REAL = {
+    name: getattr(protocol, name)
+    for name in ('judge_command', 'judge_state', 'after_silence', 'step_limit')
+}
 
 
 def takes_commands_of_others(active, sender, is_due):
@@ -60,7 +62,8 @@ def answers_states_that_name_others(own_id, last, state, stamp, step, quiet):
 
 def answers_only_states_that_name_it(own_id, last, state, stamp, step, quiet):
     return REAL['judge_state'](
-        own_id, last, state._replace(controller=state.controller or '?'), stamp, step, quiet)
+        own_id, last, state._replace(controller=state.controller or '?'), stamp, step, quiet
+    )
 
 
 def does_not_know_its_name(own_id, last, state, stamp, step, quiet):

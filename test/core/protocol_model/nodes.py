@@ -50,8 +50,9 @@ class Nodes:
             arbiter.silence.seconds = RUN_TIMEOUT
         # a reader of messages returns the same header for the same frame_id
         header = self.headers.setdefault(state.header.frame_id, state.header)
-        reply = (Reply.ANSWER if arbiter.follows(header, stamp)
-                 else arbiter.judge(header, stamp, True))
+        reply = (
+            Reply.ANSWER if arbiter.follows(header, stamp) else arbiter.judge(header, stamp, True)
+        )
         assert (arbiter.run, arbiter.stamp) == (one.last.run, one.last.stamp)
         if one.sent is before.controllers[at].sent:
             assert reply not in (Reply.ANSWER, Reply.ANSWER_AFRESH)
@@ -62,9 +63,10 @@ class Nodes:
         """Give the joiner what the recorder takes, or let it give up where there is nothing."""
         if recorder.id != self.recorder:
             self.recorder, self.joiner = recorder.id, None
-        messages = [*((STATES, encoded(one, one.tick + 1)) for one in before.recorded_states),
-                    *((COMMANDS, encoded(one, one.stamp, COMMANDED))
-                      for one in before.recorded_commands)]
+        messages = [
+            *((STATES, encoded(one, one.tick + 1)) for one in before.recorded_states),
+            *((COMMANDS, encoded(one, one.stamp, COMMANDED)) for one in before.recorded_commands),
+        ]
         if self.joiner:
             self.take_samples(messages)
         if not self.joiner or self.joiner.plant.run != recorder.run:

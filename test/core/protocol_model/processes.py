@@ -35,9 +35,11 @@ def publish(world) -> Worlds:
     for now, hears in heard(world, state.header.run):
         ways = [(now.bound, ())]
         for waiting, one in zip(world.states, world.controllers, strict=True):
-            ways = [(after, (*ready, queue)) for bound, ready in ways
-                    for after, queue in (sent(bound, waiting, state) if one.alive
-                                         else [(bound, ())])]
+            ways = [
+                (after, (*ready, queue))
+                for bound, ready in ways
+                for after, queue in (sent(bound, waiting, state) if one.alive else [(bound, ())])
+            ]
         recorded = (*world.recorded_states, state) if hears else world.recorded_states
         for bound, states in ways:
             yield now._replace(bound=bound, states=states, recorded_states=recorded)
@@ -46,17 +48,23 @@ def publish(world) -> Worlds:
 def on_command(world, command) -> Worlds:
     plant = world.plant
     header, verdict = protocol.judge_command(
-        plant.header, command.header, plant.awaits and command.stamp == plant.tick + 1)
+        plant.header, command.header, plant.awaits and command.stamp == plant.tick + 1
+    )
     if verdict is not Verdict.ACTS:
         yield world._replace(plant=plant._replace(header=header))
         return
     require(plant.awaits, '1: one effort acts for a state')
-    require((command.run, command.stamp) == (plant.header.run, plant.tick + 1),
-            '1: the effort that acts was made for its state')
+    require(
+        (command.run, command.stamp) == (plant.header.run, plant.tick + 1),
+        '1: the effort that acts was made for its state',
+    )
     check_memory(world, command)
     plant = plant if plant.header.controller else hold(plant)
-    yield from proceed(world._replace(
-        plant=plant._replace(header=header, awaits=False), acted=(*world.acted, command)))
+    yield from proceed(
+        world._replace(
+            plant=plant._replace(header=header, awaits=False), acted=(*world.acted, command)
+        )
+    )
 
 
 def check_memory(world, command) -> None:
@@ -77,15 +85,22 @@ def proceed(world) -> Worlds:
     tick, last = plant.tick + 1, world.acted[-1]
     # every recorder has reached ``since`` now, so 0 does as well
     plant = plant._replace(tick=tick, awaits=True, cleared=False, since=0)
-    world = world._replace(acted=tuple(one for one in world.acted if one is last or may_join(
-        one, world.recorder, world.recorded_states)))
+    world = world._replace(
+        acted=tuple(
+            one
+            for one in world.acted
+            if one is last or may_join(one, world.recorder, world.recorded_states)
+        )
+    )
     ways = [(plant, world.bound)]
     if world.bound.resets:
         header = protocol.after_reset(plant.header)
         ways.append((plant._replace(header=header, begun=tick), spend(world.bound, 'resets')))
     for after, bound in ways:
-        require(after.header.controller == last.header.author,
-                '5: a state names the author of the command that acted before it')
+        require(
+            after.header.controller == last.header.author,
+            '5: a state names the author of the command that acted before it',
+        )
         yield from publish(world._replace(plant=after, bound=bound))
 
 
@@ -94,16 +109,26 @@ def check_recorder(world) -> None:
     plant, recorder, acted = world.plant, world.recorder, world.acted[-1]
     if not recorder.alive or recorder.id not in dict(plant.joined):
         return
-    coming, known = ({one.tick for one in states if one.header.run == plant.header.run}
-                     for states in (world.recorded_states, recorder.pending))
-    require(plant.released or plant.tick in coming | known,
-            '4: the plant holds its state until a new recorder has it')
-    require(len(coming) <= protocol.WINDOW * (1 + plant.released),
-            '4: a recorder that has joined is not left behind')
+    coming, known = (
+        {one.tick for one in states if one.header.run == plant.header.run}
+        for states in (world.recorded_states, recorder.pending)
+    )
+    require(
+        plant.released or plant.tick in coming | known,
+        '4: the plant holds its state until a new recorder has it',
+    )
+    require(
+        len(coming) <= protocol.WINDOW * (1 + plant.released),
+        '4: a recorder that has joined is not left behind',
+    )
     lives = any(one.alive and one.id == acted.header.author for one in world.controllers)
-    require(plant.released or plant.cleared or not lives
-            or acted in (*world.recorded_commands, *recorder.commands),
-            '4: a recorder that has joined gets each command of a controller that lives')
+    require(
+        plant.released
+        or plant.cleared
+        or not lives
+        or acted in (*world.recorded_commands, *recorder.commands),
+        '4: a recorder that has joined gets each command of a controller that lives',
+    )
 
 
 def on_silence(world, silent) -> Worlds:
@@ -130,8 +155,10 @@ def hold(plant) -> Plant:
 
 def let_go(plant) -> Plant:
     """Wait no longer for what the recorders lack up to the present state: nobody sends it."""
-    return plant._replace(released=True, joined=tuple(
-        (name, max(reached, plant.tick)) for name, reached in plant.joined))
+    return plant._replace(
+        released=True,
+        joined=tuple((name, max(reached, plant.tick)) for name, reached in plant.joined),
+    )
 
 
 def on_progress(world, recorder, reached) -> Worlds:
@@ -158,8 +185,11 @@ def on_state(world, at, state, quiet) -> Worlds:
         last, reply = one.last, Reply.REPEAT if answered else Reply.ANSWER
     else:
         last, reply = protocol.judge_state(one.id, one.last, state.header, stamp, 1, quiet)
-    one = one._replace(last=last, told=one.told or (
-        state.header.run == last.run and state.header.controller not in ('', one.id)))
+    one = one._replace(
+        last=last,
+        told=one.told
+        or (state.header.run == last.run and state.header.controller not in ('', one.id)),
+    )
     if reply in (Reply.ANSWER, Reply.ANSWER_AFRESH):
         one = answer(world, one, state, reply is Reply.ANSWER_AFRESH)
     world = world._replace(controllers=put(world.controllers, at, one))
@@ -167,17 +197,22 @@ def on_state(world, at, state, quiet) -> Worlds:
         yield world
         return
     command = one.sent
-    require(command and (command.run, command.stamp) == (state.header.run, stamp),
-            '1: what is sent again is the answer')
-    require(not world.calm or state.tick == 0 or state.header.controller == one.id,
-            '6: without faults the standby is silent')
+    require(
+        command and (command.run, command.stamp) == (state.header.run, stamp),
+        '1: what is sent again is the answer',
+    )
+    require(
+        not world.calm or state.tick == 0 or state.header.controller == one.id,
+        '6: without faults the standby is silent',
+    )
     for now, hears in heard(world, one.id):
         recorded = world.recorded_commands
         if hears:  # the order of two writers says nothing
             recorded = tuple(sorted((*recorded, command), key=lambda it: it.header.author))
         for bound, queue in sent(now.bound, world.commands[at], command):
-            yield now._replace(bound=bound, commands=put(world.commands, at, queue),
-                               recorded_commands=recorded)
+            yield now._replace(
+                bound=bound, commands=put(world.commands, at, queue), recorded_commands=recorded
+            )
 
 
 def answer(world, one, state, afresh) -> Controller:
@@ -186,10 +221,14 @@ def answer(world, one, state, afresh) -> Controller:
     header = CommandHeader() if one.id == FOREIGN else CommandHeader(run, episode, one.id)
     memory = (stamp,) if afresh or not one.sent else (*one.sent.memory, stamp)
     before = [it for it in world.acted if it.header == header and it.stamp == stamp - 1]
-    require(not one.told or one.id == FOREIGN or len(memory) == 1,
-            '7: whoever was told of another has forgotten')
-    require(one.told or not before or memory[:-1] == before[0].memory,
-            '7: whoever acted last and hears of no other keeps its memory')
+    require(
+        not one.told or one.id == FOREIGN or len(memory) == 1,
+        '7: whoever was told of another has forgotten',
+    )
+    require(
+        one.told or not before or memory[:-1] == before[0].memory,
+        '7: whoever acted last and hears of no other keeps its memory',
+    )
     require(not world.calm or stamp == len(memory), '6: without faults no memory is cleared')
     return one._replace(sent=Command(header, run, stamp, memory), told=False)
 

@@ -65,10 +65,17 @@ def take(recorder, states, commands, acted):
             named = state.header.controller
             if not pending or state.tick > pending[-1].tick:
                 pending.append(state)
-    known = {(one.header, one.stamp): one for one in (*commands[::-1], *recorder.commands)
-             if one.header.run in ('', recorder.run)}
-    return settle(recorder._replace(pending=tuple(pending), named=named,
-                                    commands=tuple(sorted(known.values()))), acted)
+    known = {
+        (one.header, one.stamp): one
+        for one in (*commands[::-1], *recorder.commands)
+        if one.header.run in ('', recorder.run)
+    }
+    return settle(
+        recorder._replace(
+            pending=tuple(pending), named=named, commands=tuple(sorted(known.values()))
+        ),
+        acted,
+    )
 
 
 def give_up(recorder, acted):
@@ -81,29 +88,34 @@ def settle(recorder, acted):
     """Write the samples that are complete: their effort is the one that acted."""
     while recorder.pending:
         stamp, author = recorder.pending[0].tick + 1, author_of_first(recorder)
-        found = [one for one in recorder.commands
-                 if one.header.author == author and one.stamp >= stamp]
+        found = [
+            one for one in recorder.commands if one.header.author == author and one.stamp >= stamp
+        ]
         if not found:
             break
         recorder = recorder._replace(reached=recorder.pending[0].tick)
         if len(recorder.pending) == 1:
             break
         command = min(found, key=lambda one: one.stamp)
-        require(command.stamp > stamp or command in acted,
-                '4: the effort that is recorded is the one that acted')
+        require(
+            command.stamp > stamp or command in acted,
+            '4: the effort that is recorded is the one that acted',
+        )
         recorder = recorder._replace(pending=recorder.pending[1:])
     oldest = recorder.pending[0].tick + 1 if recorder.pending else 0
-    return recorder._replace(commands=tuple(
-        one for one in recorder.commands if one.stamp >= oldest))
+    return recorder._replace(
+        commands=tuple(one for one in recorder.commands if one.stamp >= oldest)
+    )
 
 
 def author_of_first(recorder):
     """Return whose command belongs to the first open sample, '' where nobody has said so yet."""
-    return (recorder.pending[1].header.controller if len(recorder.pending) > 1
-            else recorder.named)
+    return recorder.pending[1].header.controller if len(recorder.pending) > 1 else recorder.named
 
 
 def may_join(command, recorder, states):
     """Tell whether the recorder may yet write a sample with this command, which acted."""
-    return recorder.alive and any((one.header.run, one.tick + 1) == (command.run, command.stamp)
-                                  for one in (*recorder.pending, *states))
+    return recorder.alive and any(
+        (one.header.run, one.tick + 1) == (command.run, command.stamp)
+        for one in (*recorder.pending, *states)
+    )

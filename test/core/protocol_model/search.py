@@ -54,6 +54,9 @@ def trace(world: World, parents: dict[World, World | None]) -> list[str]:
     if before is None:
         return [f'start with {world.bound}']
     what = next(what for what, after in moves(before) if after == world)
-    spent = [f'({name})' for name, left in world.bound._asdict().items()
-             if left < getattr(before.bound, name)]
+    spent = [
+        f'({name})'
+        for name, left in world.bound._asdict().items()
+        if left < getattr(before.bound, name)
+    ]
     return [*trace(before, parents), ' '.join(map(str, (*what, *spent)))]

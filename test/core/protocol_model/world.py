@@ -64,7 +64,7 @@ Worlds = Iterator[World]
 
 
 def put(items, at, item):
-    return (*items[:at], item, *items[at + 1:])
+    return (*items[:at], item, *items[at + 1 :])
 
 
 def spend(bound, what):
