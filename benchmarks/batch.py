@@ -22,20 +22,20 @@ import time
 import numba
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.batch import damping_seeds, simulate_batch
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 
 SECONDS, STEPS = 1.0, 10_000
 REPEATS = 20
 CORES = numba.config.NUMBA_NUM_THREADS
 PLANTS = {
-    'plain': Axis(F_c=0.0),
-    'friction': Axis(F_c=1.0),
-    'noise': Axis(F_c=0.0, damping=Damping(kind='noise')),
-    'friction_noise': Axis(F_c=1.0, damping=Damping(kind='noise')),
+    'plain': Plant(F_c=0.0),
+    'friction': Plant(F_c=1.0),
+    'noise': Plant(F_c=0.0, damping=Damping(kind='noise')),
+    'friction_noise': Plant(F_c=1.0, damping=Damping(kind='noise')),
 }
 
 
@@ -63,22 +63,22 @@ def rows(runs: int) -> dict[str, np.ndarray]:
     return {'x_0': np.linspace(0.1, 0.5, runs), 'damping.seed': damping_seeds(1, runs)}
 
 
-def scalar(axis: Axis) -> Callable[[], object]:
+def scalar(axis: Plant) -> Callable[[], object]:
     """Measure runs one after another, each recorded."""
 
     def measure() -> None:
         for _ in range(REPEATS):
-            simulate(axis, Controller(), SECONDS)
+            simulate(axis, ControlGains(), SECONDS)
 
     return measure
 
 
-def batch(axis: Axis, runs: int, threads: int) -> Callable[[], object]:
+def batch(axis: Plant, runs: int, threads: int) -> Callable[[], object]:
     """Measure a batch on so many threads."""
 
     def measure() -> None:
         numba.set_num_threads(threads)
-        simulate_batch(axis, Controller(), SECONDS, rows(runs))
+        simulate_batch(axis, ControlGains(), SECONDS, rows(runs))
 
     return measure
 
@@ -106,7 +106,7 @@ def growth(large: int) -> list[dict[str, float]]:
     found = []
     for runs, seconds in ((large // 100, 1.0), (large // 10, 1.0), (large, 0.1), (large, 1.0)):
         wall = timed(
-            partial(simulate_batch, PLANTS['friction_noise'], Controller(), seconds, rows(runs))
+            partial(simulate_batch, PLANTS['friction_noise'], ControlGains(), seconds, rows(runs))
         )
         found.append(
             {

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.files.parameter_file import read_experiment
 
 CONFIG = Path(__file__).parent.parent / 'config'
@@ -31,8 +31,8 @@ class Case:
     kick: float
     time_step: float
     seconds: float
-    axis: Axis
-    controller: Controller
+    axis: Plant
+    controller: ControlGains
 
     @property
     def steps(self) -> int:

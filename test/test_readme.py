@@ -255,7 +255,7 @@ def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
     for process in nodes:
         assert process.interrupt() == 0, process.output
     run = read(shell.graph.folder / 'axis')
-    assert run.receipt['missing'] == '0'
+    assert run.recording_summary['missing'] == '0'
     assert (np.diff(run.states['stamp']) == 100_000).all()
 
 
@@ -293,7 +293,7 @@ def test_an_interrupted_demo_says_where_the_recording_is_and_finishes_it(tmp_pat
     assert demo.returncode == 1
     assert said.count('demo: interrupted') == 1
     assert 'Traceback' not in said
-    assert read(bag).receipt['missing'] == '0'
+    assert read(bag).recording_summary['missing'] == '0'
 
 
 def test_the_python_of_the_readme_runs(tmp_path):

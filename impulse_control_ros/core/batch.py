@@ -20,38 +20,38 @@ the one the impulses are computed for.
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any
 
 import numba
 import numpy as np
 
-from impulse_control_ros.core.axis import AXIS, Axis, STATE
 from impulse_control_ros.core.careful import fresh_watch, OFF as PLAIN_LAW, packed_care
 from impulse_control_ros.core.damping import packed_damping
-from impulse_control_ros.core.hardware import (
+from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory, packed_gains
+from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
+from impulse_control_ros.core.metrics import conclude, COUNTS, figures_dtype, Sums
+from impulse_control_ros.core.nonidealities import (
     at_rest,
     LEAST_STEP,
     OFF as IDEAL_AXIS,
     packed_hardware,
 )
-from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory, packed_gains
-from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
-from impulse_control_ros.core.metrics import conclude, COUNTS, figures_dtype, Sums
 from impulse_control_ros.core.parameter import (
     build,
     converted,
     declared,
+    meant,
     ParameterError,
     refusal,
     Spec,
 )
+from impulse_control_ros.core.plant import AXIS, Plant, STATE
 from impulse_control_ros.core.rows import LEFT, run_rows
 from impulse_control_ros.core.simulate import steps_of
 
-SIDES: dict[str, type[Axis] | type[Controller]] = {
-    'plant_simulator': Axis,
-    'controller': Controller,
+SIDES: dict[str, type[Plant] | type[ControlGains]] = {
+    'plant_simulator': Plant,
+    'controller': ControlGains,
 }
 ARRAY_KINDS = {float: 'fiu', int: 'iu', bool: 'b', str: 'U'}
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
@@ -69,8 +69,8 @@ def damping_seeds(seed: int, runs: int) -> np.ndarray:
 
 
 def simulate_batch(
-    axis: Axis,
-    controller: Controller,
+    axis: Plant,
+    controller: ControlGains,
     duration: float,
     varied: Mapping[str, Any],
     tolerances: Sequence[float] = (1e-2, 1e-3),
@@ -169,11 +169,11 @@ def ran_really(
 
 
 def row(
-    axis: Axis,
-    controller: Controller,
+    axis: Plant,
+    controller: ControlGains,
     varied: Mapping[str, Any],
     i: int,
-) -> tuple[Axis, Controller]:
+) -> tuple[Plant, ControlGains]:
     """Return the parameters of run ``i`` of a batch, as `simulate` takes them."""
     plant, law = (
         {name: value.item() for name, value in side.items()}
@@ -183,8 +183,8 @@ def row(
 
 
 def packed_rows(
-    axis: Axis,
-    controller: Controller,
+    axis: Plant,
+    controller: ControlGains,
     plant: dict[str, np.ndarray],
     law: dict[str, np.ndarray],
     runs: int,
@@ -215,7 +215,7 @@ def packed_rows(
 
 
 def real_rows(
-    axis: Axis,
+    axis: Plant,
     gains: Mapping[str, Any],
     values: Mapping[str, Any],
     runs: int,
@@ -231,8 +231,8 @@ def real_rows(
     return packed_hardware(values, axis.time_step, runs), packed_care(gains, runs)
 
 
-def refuse_misfits(axis: Axis, values: Mapping[str, Any], runs: int) -> None:
-    """Refuse the first row whose values do not fit together, as `Axis` does."""
+def refuse_misfits(axis: Plant, values: Mapping[str, Any], runs: int) -> None:
+    """Refuse the first row whose values do not fit together, as `Plant` does."""
     m, F_c, F_s, start, end, step = (
         np.asarray(values[name])
         for name in (
@@ -292,10 +292,13 @@ def found(name: str) -> tuple[str, str, Any, Spec]:
     same = [full for full in known if full == name or full.split('.', 1)[1] == name]
     if len(same) == 1:
         return known[same[0]]
-    near = same or get_close_matches(name, [*known, *(full.split('.', 1)[1] for full in known)], 1)
     raise ParameterError(
         f'{name}: no such parameter can be varied'
-        + (f'; is {" or ".join(near)} meant?' if near else '')
+        + (
+            f'; is {" or ".join(same)} meant?'
+            if same
+            else meant(name, [*known, *(full.split('.', 1)[1] for full in known)])
+        )
     )
 
 

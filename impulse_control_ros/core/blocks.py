@@ -5,10 +5,10 @@ from copy import deepcopy
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, DIVERGED, DivergedError, STATE
 from impulse_control_ros.core.careful import fresh_watch, packed_law
-from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
-from impulse_control_ros.core.plant import put_to_start, real_step
+from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory
+from impulse_control_ros.core.plant import DIVERGED, DivergedError, Plant, STATE
+from impulse_control_ros.core.plant_step import plant_step, put_to_start
 from impulse_control_ros.core.replay import close_loop
 from impulse_control_ros.core.tick import nanoseconds, seconds
 
@@ -18,7 +18,7 @@ BLOCK = 10_000  # samples
 class ClosedLoop:
     """An axis and its controller after the samples that were made; none are at first."""
 
-    def __init__(self, axis: Axis, controller: Controller) -> None:
+    def __init__(self, axis: Plant, controller: ControlGains) -> None:
         self._axis = *axis.packed(), axis.packed_hardware()
         self._law = packed_law(controller)
         self.state = np.zeros(1, STATE)
@@ -30,7 +30,7 @@ class ClosedLoop:
         """Return the next states, as measured, and their answers: dtypes STATE and ANSWER."""
         states, answers = np.zeros(count, STATE), np.zeros(count, ANSWER)
         if self._answer is not None:
-            real_step(*self._axis, self.state, self._hidden, self._answer['effort'])
+            plant_step(*self._axis, self.state, self._hidden, self._answer['effort'])
         close_loop(
             *self._axis,
             self.state,
@@ -51,7 +51,7 @@ class ClosedLoop:
 
 
 def blocks_of(
-    axis: Axis, controller: Controller, count: int, start_ns: int
+    axis: Plant, controller: ControlGains, count: int, start_ns: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """
     Yield ``count`` states, as measured, and their answers, block by block.

@@ -6,20 +6,22 @@ symbol                name                        unit     meaning
 ====================  ==========================  =======  ========================================
 v_hat                 velocity                    m/s      measured, or estimated from positions
 p                     pole                        1        exp(-2 pi velocity_bandwidth dt)
-e + lead dt v         ahead                       m        where the guards look
+e + guard_lookahead dt v         ahead                       m        where the guards look
 c                     stood                       samples  standing, counted anew at each impulse
 I                     integral                    N        K_i times the integral of e
 ====================  ==========================  =======  ========================================
 
 With all options off this is `answered`, to the same bits. What they change, guard by guard:
 
-* position zero: looks ``lead`` samples ahead, e + lead dt v in place of e. With lead = 0.5 the
+* position zero: looks ``guard_lookahead`` samples ahead, at e + guard_lookahead dt v in place
+  of e. With guard_lookahead = 0.5 the
   impulse starts at the sample next to the crossing, 0.25 samples off in the mean, in place of
   the one after it, 0.5 off. A crossing counts once, until abs(e) has exceeded
   position_hysteresis: an encoder that flickers is no crossing.
 * velocity zero: a velocity that was zero is one again only beyond velocity_deadband +
   velocity_hysteresis: noise at the edge of the dead band is no arrival at zero.
-* sticking: the axis has stood for stick_samples since the last impulse, so that what that one
+* sticking: the axis has stood for stiction_wait_samples since the last impulse, so that what
+  that one
   did is seen before the next; behind a delay of n samples there would be n impulses for one. A
   set-point that changes at rest waits for this too, or a ramp would give an impulse at each
   sample.
@@ -46,7 +48,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.impulse import (
-    Controller,
+    ControlGains,
     due,
     guard_of,
     impulse_area,
@@ -56,7 +58,7 @@ from impulse_control_ros.core.impulse import (
     sent,
     unpacked,
 )
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 
 CARE = np.dtype(
     [
@@ -65,7 +67,7 @@ CARE = np.dtype(
             'lead_time',
             'position_hysteresis',
             'rearm',
-            'stick_samples',
+            'stiction_wait_samples',
             'pole',
             'inverse_m',
             'integral_gain',
@@ -80,10 +82,10 @@ WATCH = np.dtype(
     ]
 )
 OFF = {
-    'lead': 0.0,
+    'guard_lookahead': 0.0,
     'position_hysteresis': 0.0,
     'velocity_hysteresis': 0.0,
-    'stick_samples': 1,
+    'stiction_wait_samples': 1,
     'K_i': 0.0,
     'velocity_source': 'measured',
 }
@@ -92,12 +94,12 @@ STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become 
 
 
 def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
-    """Pack values, or arrays of shape (runs,), by the names of `Controller`: dtype CARE."""
+    """Pack values, or arrays of shape (runs,), by the names of `ControlGains`: dtype CARE."""
     care = np.zeros(runs, CARE)
-    care['lead_time'] = np.asarray(values['lead']) * values['time_step']
+    care['lead_time'] = np.asarray(values['guard_lookahead']) * values['time_step']
     care['position_hysteresis'] = values['position_hysteresis']
     care['rearm'] = np.asarray(values['velocity_deadband']) + values['velocity_hysteresis']
-    care['stick_samples'] = values['stick_samples']
+    care['stiction_wait_samples'] = values['stiction_wait_samples']
     turn = np.broadcast_to(np.asarray(values['velocity_bandwidth']) * values['time_step'], runs)
     # math's exp, value by value: numpy's differs in the last bit from machine to machine.
     care['pole'] = [math.exp(-2.0 * math.pi * item) for item in turn.tolist()]
@@ -107,12 +109,12 @@ def packed_care(values: Mapping[str, Any], runs: int) -> np.ndarray:
     return care
 
 
-def packed_law(controller: Controller) -> tuple[np.ndarray, np.ndarray]:
+def packed_law(controller: ControlGains) -> tuple[np.ndarray, np.ndarray]:
     """Return the kernels' view of a controller, gains and care: shape (1,), GAINS and CARE."""
     return controller.packed(), packed_care(controller.flat(), 1)
 
 
-def is_plain(controller: Controller) -> bool:
+def is_plain(controller: ControlGains) -> bool:
     """Tell whether `answered` is all that the controller needs; else it is this file's law."""
     return bool(OPTIONS(controller) == ALL_OFF)
 
@@ -148,7 +150,7 @@ def allowed(guard, memory, watch, care, direction, stood):
     if guard == POSITION_ZERO:
         return NO_IMPULSE if watch.unarmed != 0.0 else guard
     at_rest = direction == 0.0 and memory.direction == 0.0 and memory.started != 0.0
-    return NO_IMPULSE if at_rest and stood < care.stick_samples else guard
+    return NO_IMPULSE if at_rest and stood < care.stiction_wait_samples else guard
 
 
 @compiled

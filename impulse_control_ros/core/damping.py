@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.kernel import compiled
+from impulse_control_ros.core.jit import compiled
 from impulse_control_ros.core.parameter import parameter, Parameters, refusal
 
 KINDS = ('constant', 'noise', 'sinusoidal')

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.flow import first_zero, flow
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.plant import Plant
 
 
 class Level(Enum):
@@ -45,12 +45,12 @@ class Finding:
     text: str
 
 
-def critical_damping(gains: Controller) -> float:
+def critical_damping(gains: ControlGains) -> float:
     """Return the D [N s/m] with (d_bar + D)^2 = 4 m K, section III-C before (20)."""
     return 2.0 * math.sqrt(gains.m * gains.K) - gains.d_bar
 
 
-def least_stiffness(gains: Controller) -> float:
+def least_stiffness(gains: ControlGains) -> float:
     """Return the K [N/m] that d_bar alone damps critically: d_bar^2 / (4 m), as before (20)."""
     return gains.d_bar**2 / (4.0 * gains.m)
 
@@ -60,17 +60,17 @@ def alpha_bounds(m: float, velocity: float) -> tuple[float, float]:
     return 0.5 * m * abs(velocity), m * abs(velocity)
 
 
-def beta(gains: Controller, error: float) -> float:
+def beta(gains: ControlGains, error: float) -> float:
     """Return beta [N s] at the error [m] of a velocity zero: abs(e) d_bar / (2 c) (26)."""
     return abs(error) * gains.d_bar / (2.0 * gains.c)
 
 
-def dead_zone(gains: Controller, F_c: float) -> float:
+def dead_zone(gains: ControlGains, F_c: float) -> float:
     """Return the error F_c / K [m] up to which a standing axis sticks under PD, section IV-C."""
     return F_c / gains.K
 
 
-def sampled_floor(gains: Controller, F_c: float) -> float:
+def sampled_floor(gains: ControlGains, F_c: float) -> float:
     """
     Return the error [m] below which a pulse of one sample does not overcome ``F_c`` [N].
 
@@ -80,7 +80,7 @@ def sampled_floor(gains: Controller, F_c: float) -> float:
     return gains.c * F_c * gains.time_step / gains.d_bar
 
 
-def quiet_error(gains: Controller, F_c: float, m: float, time_constant: float = 0.0) -> float:
+def quiet_error(gains: ControlGains, F_c: float, m: float, time_constant: float = 0.0) -> float:
     """
     Return the error [m] above which an impulse releases a standing mass ``m`` [kg], and is seen.
 
@@ -96,7 +96,7 @@ def quiet_error(gains: Controller, F_c: float, m: float, time_constant: float = 
     return sampled_floor(gains, F_c) * (1.0 + unseen)
 
 
-def first_zero_time(gains: Controller, d: float) -> float:
+def first_zero_time(gains: ControlGains, d: float) -> float:
     """
     Return when [s] the axis with damping ``d`` [N s/m], started at rest, first has e = 0.
 
@@ -107,7 +107,7 @@ def first_zero_time(gains: Controller, d: float) -> float:
     return float(first_zero(1.0, v + rate, rate, stiffness))
 
 
-def peak_speed(gains: Controller, d: float, error: float) -> float:
+def peak_speed(gains: ControlGains, d: float, error: float) -> float:
     """
     Return the largest abs(v) [m/s] from rest at ``error`` [m] up to the first e = 0.
 
@@ -122,13 +122,13 @@ def peak_speed(gains: Controller, d: float, error: float) -> float:
     return float(abs(v * error))
 
 
-def _start(gains: Controller, d: float) -> tuple[float, float, float]:
+def _start(gains: ControlGains, d: float) -> tuple[float, float, float]:
     """Return g, w^2 and the velocity after the first impulse at e = 1 (17)."""
     v = -2.0 * beta(gains, 1.0) / gains.m if gains.impulses else 0.0
     return (d + gains.D) / (2.0 * gains.m), gains.K / gains.m, v
 
 
-def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
+def check_gains(gains: ControlGains, axis: Plant | None = None) -> list[Finding]:
     """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
     found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
     if axis is not None:
@@ -152,7 +152,7 @@ def findings(gains: Controller, axis: Axis | None = None) -> list[Finding]:
     return found
 
 
-def _on_damping(gains: Controller) -> Iterator[Finding]:
+def _on_damping(gains: ControlGains) -> Iterator[Finding]:
     """Judge D by `critical_damping`."""
     right = critical_damping(gains)
     if math.isclose(gains.D, right, rel_tol=1e-6, abs_tol=1e-9):
@@ -173,7 +173,7 @@ def _on_damping(gains: Controller) -> Iterator[Finding]:
     )
 
 
-def _on_integral(gains: Controller) -> Iterator[Finding]:
+def _on_integral(gains: ControlGains) -> Iterator[Finding]:
     """Judge K_i by Routh: m s^3 + (D + d) s^2 + K s + K_i is stable if (D + d) K > m K_i."""
     most = gains.D * gains.K / gains.m
     if gains.K_i > 0.0 and gains.K_i >= most:
@@ -186,7 +186,7 @@ def _on_integral(gains: Controller) -> Iterator[Finding]:
         )
 
 
-def _on_guards(gains: Controller) -> Iterator[Finding]:
+def _on_guards(gains: ControlGains) -> Iterator[Finding]:
     """Judge what makes the jumps other than the paper's figures show them."""
     if gains.impulses and gains.c == 1.0:
         yield Finding(
@@ -208,7 +208,7 @@ def _on_guards(gains: Controller) -> Iterator[Finding]:
         )
 
 
-def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
+def _on_mass(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
     """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
     masses = {axis.m: 'axis'}
     masses.setdefault(axis.m + axis.payload.mass, 'axis with its payload')
@@ -232,7 +232,7 @@ def _on_mass(gains: Controller, axis: Axis) -> Iterator[Finding]:
         )
 
 
-def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
+def _on_bound(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
     """Judge d_bar by the damping (1)."""
     damping = axis.damping
     greatest = damping.value if damping.kind == 'constant' else damping.upper
@@ -246,7 +246,7 @@ def _on_bound(gains: Controller, axis: Axis) -> Iterator[Finding]:
         )
 
 
-def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
+def _on_friction(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
     """Judge what friction at rest does to the end of the motion, section IV-C."""
     name, friction = max(('F_c', axis.F_c), ('F_s', axis.stribeck.F_s), key=lambda one: one[1])
     if friction == 0.0:
@@ -286,7 +286,7 @@ def _on_friction(gains: Controller, axis: Axis) -> Iterator[Finding]:
         )
 
 
-def _least_error(gains: Controller, resolution: float) -> float:
+def _least_error(gains: ControlGains, resolution: float) -> float:
     """Return the least error [m] beyond position_deadband that an encoder of these steps shows."""
     if resolution == 0.0:
         return gains.position_deadband
@@ -298,7 +298,7 @@ def _least_error(gains: Controller, resolution: float) -> float:
     )
 
 
-def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
+def _on_signals(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
     """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
     if not gains.impulses:
         return
@@ -349,7 +349,7 @@ def _on_signals(gains: Controller, axis: Axis) -> Iterator[Finding]:
             f'velocity_bandwidth = {gains.velocity_bandwidth:g} Hz',
         ),
         (
-            'stick_samples',
+            'stiction_wait_samples',
             late + 1 if late else 0,
             'samples',
             f'more than the actuator takes to act, its delay of {actuator.delay} samples and '

@@ -29,18 +29,18 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core.dense_output import evaluate, sample
 from impulse_control_ros.core.flow import crossing, first_zero, flow
 from impulse_control_ros.core.impulse import (
-    Controller,
+    ControlGains,
     impulse_area,
     NO_IMPULSE,
     POSITION_ZERO,
     VELOCITY_ZERO,
 )
-from impulse_control_ros.core.kernel import sign
+from impulse_control_ros.core.jit import sign
 from impulse_control_ros.core.parameter import ParameterError, refusal
-from impulse_control_ros.core.sampling import evaluate, sample
+from impulse_control_ros.core.plant import Plant
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
 ARC = np.dtype(
@@ -253,8 +253,8 @@ class Solution:
 
 
 def solve(
-    axis: Axis,
-    controller: Controller,
+    axis: Plant,
+    controller: ControlGains,
     duration: float,
     *,
     reading: Reading = Reading.STRICT,

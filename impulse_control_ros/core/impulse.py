@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
@@ -45,7 +45,7 @@ GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
 
 class Gains(NamedTuple):
     """
-    What the law reads, every value as a float, by the names of `Controller`.
+    What the law reads, every value as a float, by the names of `ControlGains`.
 
     Besides: position_gain = 2 alpha / abs(v) [kg], velocity_gain = 2 beta / abs(e) [N s/m],
     sample_rate = 1 / time_step [Hz], and no effort_limit is an infinite one.
@@ -85,7 +85,7 @@ ANSWER = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controller(Parameters):
+class ControlGains(Parameters):
     """Gains and guards of the control law (Table I)."""
 
     m: float = parameter(
@@ -129,7 +129,7 @@ class Controller(Parameters):
     hold_off: int = parameter(
         0, 'samples', 'no impulse for so many samples after one at a position zero', lower=0
     )
-    lead: float = parameter(
+    guard_lookahead: float = parameter(
         0.0,
         'samples',
         'how far ahead the guards look; 0.5 halves the delay of a position zero',
@@ -142,7 +142,7 @@ class Controller(Parameters):
     velocity_hysteresis: float = parameter(
         0.0, 'm/s', 'beyond the dead band, before the axis counts as moving again', lower=0.0
     )
-    stick_samples: int = parameter(
+    stiction_wait_samples: int = parameter(
         1,
         'samples',
         'standing since the last impulse, before one that releases; longer than '
@@ -178,7 +178,7 @@ class Controller(Parameters):
 
 
 def packed_gains(values: Mapping[str, Any], runs: int) -> np.ndarray:
-    """Pack values, or arrays of shape (runs,), by the names of `Controller`: dtype GAINS."""
+    """Pack values, or arrays of shape (runs,), by the names of `ControlGains`: dtype GAINS."""
     limit = np.asarray(values['effort_limit'])
     derived = {
         'position_gain': 2.0 * values['alpha_ratio'] * values['m'],

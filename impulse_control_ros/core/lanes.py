@@ -19,7 +19,6 @@ record, so that the compiler sees that these arrays do not overlap.
 
 import numpy as np
 
-from impulse_control_ros.core.axis import AXIS, DIVERGED, long_step, short_step
 from impulse_control_ros.core.damping import (
     DAMPING,
     filtered,
@@ -29,8 +28,9 @@ from impulse_control_ros.core.damping import (
     within_bounds,
 )
 from impulse_control_ros.core.impulse import answered, GAINS, Gains, MEMORY, Memory
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.metrics import added, outside_since, SUMS, Sums
+from impulse_control_ros.core.plant import AXIS, DIVERGED, long_step, short_step
 
 LANES = 32  # four vectors of eight: enough to fill the waiting, few enough for the L1 cache
 CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.impulse import POSITION_ZERO, STICKING, VELOCITY_ZERO
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 
 ROUNDING = 1e-9  # share of an effort, or of 1 N, that is no difference
 

@@ -5,7 +5,7 @@ Everything else derives from these fields: validation at birth, the ROS declarat
 (nodes/parameters.py), the check of a YAML file and the table in the documentation.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 import math
@@ -19,6 +19,12 @@ TYPES = {
     bool: 'true or false',
     str: 'a string',
     tuple: 'a list of strings',
+}
+# former names, which old files and command lines may have
+RENAMED = {
+    'lead': 'guard_lookahead',
+    'managed': 'lifecycle',
+    'stick_samples': 'stiction_wait_samples',
 }
 
 
@@ -140,10 +146,8 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     known = {name: (default, spec) for name, default, spec in declared(kind)}
     for name, value in values.items():
         if name not in known:
-            near = get_close_matches(name, known, 1)
             raise ParameterError(
-                f'invalid {name} = {value!r}: there is no such parameter'
-                + (f'; is {near[0]} meant?' if near else '')
+                f'invalid {name} = {value!r}: there is no such parameter' + meant(name, known)
             )
     right = {name: converted(name, value, *known[name]) for name, value in values.items()}
     inner = {}
@@ -159,6 +163,14 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
                 },
             )
     return kind(**right, **inner)
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return a hint at the parameter that an unknown ``name`` may stand for, or nothing."""
+    if name in RENAMED:
+        return f'; its name is now {RENAMED[name]}'
+    near = get_close_matches(name, known, 1)
+    return f'; is {near[0]} meant?' if near else ''
 
 
 def refusal(name: str, value: Any, allowed: str) -> ParameterError:

@@ -1,66 +1,224 @@
 """
-The plant as its controller sees it: the axis behind its sensor and its actuator.
+The controlled axis (3) with Coulomb friction, stepped exactly over one zero-order-hold sample.
 
-Where all of core/hardware.py is off and friction is Coulomb's, `axis_step` after `damping_at`
-does the same, to the same bits, at less cost; `Axis.is_ideal` says where that will do.
+    m x'' + d x' + F_c sign(x') = u
+
+==========  ==============  =======  ==========================================
+symbol      name            unit     meaning
+==========  ==============  =======  ==========================================
+m           m               kg       moving mass
+F_c         F_c             N        Coulomb friction (section IV-C)
+d           d               N s/m    damping, constant within the sample
+u           effort          N        effort, constant within the sample
+x, x'       position, v...  m, m/s   state
+dt          time_step       s        length of the sample
+==========  ==============  =======  ==========================================
+
+With ``u`` and ``d`` held, the motion in one direction has a closed form: with z = d t / m and
+a = (u - F_c s - d v) / m the acceleration at the start of the motion in direction s,
+
+    v(t) = v + a t phi1(z),    x(t) = x + v t + a t^2 phi2(z),
+    phi1(z) = (1 - exp(-z)) / z,    phi2(z) = (z - 1 + exp(-z)) / z^2.
+
+It vanishes at t = -log1p(d v / (m a)) m / d: the stop is an instant, found, not stepped over.
+There the axis stays when abs(u) <= F_c (it sticks), and else moves on in the direction of u.
+
+While d dt / m is small, as at any sensible time step, series replace exp and log1p: exact to
+the last bits, faster, and of one form for every run, so that a batch steps many at once.
 """
+
+from dataclasses import dataclass
+import math
+from operator import attrgetter
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, axis_step
-from impulse_control_ros.core.damping import damping_at
-from impulse_control_ros.core.hardware import actuate, at_rest, disturb, measure
-from impulse_control_ros.core.kernel import compiled
-from impulse_control_ros.core.stribeck import stribeck_step
+from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.jit import compiled, sign
+from impulse_control_ros.core.nonidealities import (
+    Actuator,
+    Disturbance,
+    OFF,
+    packed_hardware,
+    Payload,
+    Sensor,
+)
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
+from impulse_control_ros.core.stribeck import Stribeck
+from impulse_control_ros.core.tick import nanoseconds
+
+DIVERGED = 1e100
+AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
+# effort and damping of a state are those that acted over the sample that led to it.
+STATE = np.dtype(
+    [
+        ('tick', 'i8'),
+        ('position', 'f8'),
+        ('velocity', 'f8'),
+        ('effort', 'f8'),
+        ('damping', 'f8'),
+        ('noise', 'f8'),
+    ]
+)
+REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
+SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
+
+
+class DivergedError(ArithmeticError):
+    """A state that reaches DIVERGED [m, m/s]; far below overflow, so commands are finite."""
+
+    def __init__(self, position: float, velocity: float, seconds: str) -> None:
+        super().__init__(
+            f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
+            f'velocity = {velocity:.3g} m/s; both must be < {DIVERGED:g}'
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plant(Parameters):
+    """The axis and its start (Table I, section IV)."""
+
+    m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
+    F_c: float = parameter(1.0, 'N', 'Coulomb friction force', lower=0.0)
+    x_0: float = parameter(
+        0.5, 'm', 'position at the start and after a reset', lower=-FAR, upper=FAR
+    )
+    v_0: float = parameter(
+        0.0, 'm/s', 'velocity at the start and after a reset', lower=-FAR, upper=FAR
+    )
+    time_step: float = parameter(
+        1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0, read_only=True
+    )
+    damping: Damping = parameter(Damping(), '', 'damping profile d(t) (1)')
+    stribeck: Stribeck = parameter(Stribeck(), '', 'friction at rest')
+    sensor: Sensor = parameter(Sensor(), '', 'what is measured')
+    actuator: Actuator = parameter(Actuator(), '', 'what becomes of a command')
+    payload: Payload = parameter(Payload(), '', 'step of the mass')
+    disturbance: Disturbance = parameter(Disturbance(), '', 'force beside the effort')
+
+    def check(self) -> None:
+        """Refuse stamps of no whole nanoseconds, no mass, and less friction at rest."""
+        nanoseconds(self.time_step, 'time_step')
+        if not self.m + self.payload.mass > 0.0:
+            raise refusal('payload.mass', self.payload.mass, f'> -m = {-self.m:g} [kg]')
+        if 0.0 < self.stribeck.F_s < self.F_c:
+            raise refusal('stribeck.F_s', self.stribeck.F_s, f'0 or >= F_c = {self.F_c:g} [N]')
+
+    @property
+    def is_ideal(self) -> bool:
+        """Tell whether state and effort are those of the model, see core/nonidealities.py."""
+        return bool(REAL_PARTS(self) == ALL_OFF)
+
+    def packed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""
+        return self.packed_axis(), self.damping.packed(self.time_step)
+
+    def packed_axis(self) -> np.ndarray:
+        """Return the kernels' view without the damping: shape (1,), dtype AXIS."""
+        return np.array([(self.m, self.F_c, self.time_step)], AXIS)
+
+    def packed_hardware(self) -> np.ndarray:
+        """Return the kernels' view of what is not ideal: shape (1,), dtype HARDWARE."""
+        return packed_hardware(self.flat(), self.time_step, 1)
+
+    def start(self) -> np.ndarray:
+        """Return the state at tick 0, shape (1,), dtype STATE; nothing has acted on it yet."""
+        state = np.zeros(1, STATE)
+        state['position'], state['velocity'] = self.x_0, self.v_0
+        return state
 
 
 @compiled
-def sense(axis, hardware, state, hidden):
-    """Measure the state; all are arrays of shape (1,), the form that the plant node has."""
-    measure(hardware[0], state[0], hidden[0], 1.0 / axis[0].time_step)
+def short_shapes(z):
+    """Return phi1 and phi2 by their series, to the last bits for z < SHORT."""
+    phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z * (1 / 5040)))))
+    return 1.0 - z * phi2, phi2
 
 
 @compiled
-def real_step(axis, profile, hardware, state, hidden, command):
-    """
-    Advance the state by one sample under ``command`` [N], in place, and measure it.
+def shapes(z):
+    """Return phi1 and phi2."""
+    if z < SHORT:
+        return short_shapes(z)
+    phi1 = -math.expm1(-z) / z
+    return phi1, (1.0 - phi1) / z
 
-    All but the command are arrays of shape (1,). The state's effort is the mean over the sample
-    of what the actuator gave.
+
+@compiled
+def moved(position, velocity, acceleration, rate, duration):
+    """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
+    phi1, phi2 = shapes(rate * duration)
+    return (
+        position + velocity * duration + acceleration * duration * duration * phi2,
+        velocity + acceleration * duration * phi1,
+    )
+
+
+@compiled
+def axis_step(position, velocity, effort, damping, m, friction, duration):
     """
-    now, axle, real, inner = state[0], axis[0], hardware[0], hidden[0]
-    now.damping, now.noise = damping_at(profile[0], now.noise, now.tick)
-    now.effort = actuate(real, inner, now.tick, command)
-    force = now.effort + disturb(real, inner, now.tick) if real.force != 0.0 else now.effort
-    m = axle.m + real.mass if now.tick >= real.mass_time else axle.m
-    if real.F_s > axle.F_c:
-        now.position, now.velocity = stribeck_step(
-            now.position,
-            now.velocity,
-            force,
-            now.damping,
-            m,
-            axle.F_c,
-            real.F_s,
-            real.v_s,
-            axle.time_step,
+    Step the axis exactly over ``duration`` seconds of constant effort and damping.
+
+    Scalars in SI units; returns (position, velocity) at the end. A velocity of exactly zero
+    means that the axis stands.
+    """
+    x, v, whole = short_step(position, velocity, effort, damping, 1.0 / m, friction, duration)
+    if whole:
+        return x, v
+    return long_step(position, velocity, effort, damping, m, friction, duration)
+
+
+@compiled
+def short_step(position, velocity, effort, damping, inverse_m, friction, duration):
+    """
+    Do `axis_step` for one motion at most, which may end in a stick.
+
+    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
+
+    Returns (position, velocity, whole); not ``whole`` when the axis turns within the step or
+    the series do not reach that far, and the step is one for `long_step`.
+    """
+    rate = damping * inverse_m
+    moves, slides = velocity != 0.0, abs(effort) > friction
+    direction = sign(velocity) if moves else sign(effort)
+    force = effort - friction * direction - damping * velocity
+    acceleration = force * inverse_m if moves | slides else 0.0
+    phi1, phi2 = short_shapes(rate * duration)
+    x = position + velocity * duration + acceleration * duration * duration * phi2
+    v = velocity + acceleration * duration * phi1
+    stops = moves & (v * direction <= 0.0)
+    whole = (rate * duration < SHORT) & (not (stops & slides))
+    if stops:
+        # With phi1 and phi2 at the stop, log1p in x is one series in q = -d v / (m a).
+        tau = -velocity / acceleration
+        q = rate * tau
+        share = 1 / 2 + q * (
+            1 / 6
+            + q
+            * (1 / 12 + q * (1 / 20 + q * (1 / 30 + q * (1 / 42 + q * (1 / 56 + q * (1 / 72))))))
         )
-    else:
-        now.position, now.velocity = axis_step(
-            now.position, now.velocity, force, now.damping, m, axle.F_c, axle.time_step
-        )
-    now.tick += 1
-    sense(axis, hardware, state, hidden)
+        x, v = position + velocity * tau * share, 0.0
+    return x, v, whole
 
 
-def put_to_start(axis: Axis, state: np.ndarray) -> np.ndarray:
-    """
-    Put ``state`` to the start of ``axis``, and return the memory of its hardware there.
-
-    Both have shape (1,), dtypes STATE and HIDDEN. Tick and noise stay: time goes on.
-    """
-    start, hidden = axis.start(), at_rest()
-    for name in ('position', 'velocity', 'effort'):
-        state[name] = start[name]
-    sense(axis.packed_axis(), axis.packed_hardware(), state, hidden)
-    return hidden
+@compiled
+def long_step(position, velocity, effort, damping, m, friction, duration):
+    """Do `axis_step` motion by motion, over any duration."""
+    rate = damping / m
+    if velocity != 0.0:
+        direction = 1.0 if velocity > 0.0 else -1.0
+        acceleration = (effort - friction * direction - damping * velocity) / m
+        x, v = moved(position, velocity, acceleration, rate, duration)
+        if v * direction > 0.0:
+            return x, v
+        # Here the motion stops within the sample; only a decelerated one can.
+        # The ratio rounds to -1 or below when the motion decays towards zero without a stop.
+        ratio = rate * velocity / acceleration
+        stop = duration if ratio <= -1.0 else -math.log1p(ratio) / rate
+        stop = min(max(stop, 0.0), duration)
+        position, _ = moved(position, velocity, acceleration, rate, stop)
+        duration -= stop
+    if abs(effort) <= friction:
+        return position, 0.0
+    push = effort - friction if effort > 0.0 else effort + friction
+    return moved(position, 0.0, push / m, rate, duration)

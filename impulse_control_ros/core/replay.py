@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, STATE
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
-from impulse_control_ros.core.hardware import at_rest
-from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
-from impulse_control_ros.core.kernel import compiled
-from impulse_control_ros.core.plant import put_to_start, real_step
+from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory
+from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.nonidealities import at_rest
+from impulse_control_ros.core.plant import Plant, STATE
+from impulse_control_ros.core.plant_step import plant_step, put_to_start
 
 
 class Piece(NamedTuple):
@@ -29,10 +29,10 @@ class Piece(NamedTuple):
     """
 
     first: int
-    axis: Axis | None
-    controller: Controller
+    axis: Plant | None
+    controller: ControlGains
     afresh: bool
-    start: Axis | None
+    start: Plant | None
 
 
 @compiled
@@ -49,7 +49,7 @@ def close_loop(
     """Make n samples, and answer them, from ``state`` on: the last two have shape (n,)."""
     for k in range(len(answers)):
         if k:
-            real_step(axis, profile, hardware, state, hidden, answers[k - 1].effort)
+            plant_step(axis, profile, hardware, state, hidden, answers[k - 1].effort)
         seen = hidden[0]
         states[k] = state[0]
         states[k].position, states[k].velocity = seen.position, seen.velocity
@@ -97,7 +97,7 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
     axis: Any = None
     for piece, span in spans(pieces, count):
         if span.start and not piece.start:
-            real_step(*axis, state, hidden, answers[span.start - 1]['effort'])
+            plant_step(*axis, state, hidden, answers[span.start - 1]['effort'])
         elif span.start:
             state['tick'] += 1
         assert piece.axis

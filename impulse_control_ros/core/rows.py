@@ -1,5 +1,5 @@
 """
-Runs one after another, with all of core/hardware.py and core/careful.py.
+Runs one after another, with all of core/nonidealities.py and core/careful.py.
 
 The lanes of core/lanes.py know the ideal axis and the plain law, some ten times faster; the bits
 of a run are those of `simulate` in both.
@@ -7,11 +7,11 @@ of a run are those of `simulate` in both.
 
 import numpy as np
 
-from impulse_control_ros.core.axis import DIVERGED
 from impulse_control_ros.core.careful import control_carefully
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.metrics import added, outside_since, SUMS, Sums
-from impulse_control_ros.core.plant import real_step, sense
+from impulse_control_ros.core.plant import DIVERGED
+from impulse_control_ros.core.plant_step import plant_step, sense
 
 # What a run leaves: its last state, whether it was ever out of bounds, its sums.
 LEFT = np.dtype([('position', 'f8'), ('first_error', 'f8'), ('bounded', 'f8'), ('sums', SUMS)])
@@ -65,7 +65,7 @@ def run_row(
             outside[i] = outside_since(outside[i], float(tick), error, tolerances[i])
         bounded = bounded and abs(now.position) < DIVERGED and abs(now.velocity) < DIVERGED
         if tick < steps:
-            real_step(axis, profile, hardware, state, hidden, told.effort)
+            plant_step(axis, profile, hardware, state, hidden, told.effort)
     return sums, first_error, bounded
 
 

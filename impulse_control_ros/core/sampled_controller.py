@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
-from impulse_control_ros.core.impulse import ANSWER, Controller, fresh_memory
-from impulse_control_ros.core.kernel import machine_code
+from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory
+from impulse_control_ros.core.jit import machine_code
 
 
 class SampledController:
     """A control law under changing gains, one sample at a time."""
 
-    def __init__(self, gains: Controller) -> None:
+    def __init__(self, gains: ControlGains) -> None:
         self._answer = np.zeros(1, ANSWER)
         self.change(gains)
         self.forget()
@@ -28,7 +28,7 @@ class SampledController:
             np.zeros(1, ANSWER),
         )
 
-    def change(self, gains: Controller) -> None:
+    def change(self, gains: ControlGains) -> None:
         """Answer the next sample with other gains."""
         self._gains, self._care = packed_law(gains)
         self.largest = gains.effort_limit or sys.float_info.max

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis, axis_step, DIVERGED, DivergedError
 from impulse_control_ros.core.careful import (
     control_carefully,
     fresh_watch,
@@ -17,18 +16,19 @@ from impulse_control_ros.core.careful import (
     packed_law,
 )
 from impulse_control_ros.core.damping import damping_at
-from impulse_control_ros.core.hardware import at_rest
 from impulse_control_ros.core.impulse import (
     ANSWER,
     answered,
-    Controller,
+    ControlGains,
     fresh,
     fresh_memory,
     unpacked,
 )
-from impulse_control_ros.core.kernel import compiled
+from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.nonidealities import at_rest
 from impulse_control_ros.core.parameter import refusal
-from impulse_control_ros.core.plant import real_step, sense
+from impulse_control_ros.core.plant import axis_step, DIVERGED, DivergedError, Plant
+from impulse_control_ros.core.plant_step import plant_step, sense
 from impulse_control_ros.core.tick import ticks
 
 EVENT = np.dtype(
@@ -106,11 +106,11 @@ def real_loop(
         commands[k, 0], commands[k, 1], commands[k, 2] = told.effort, told.area, told.guard
         commands[k, 3] = told.velocity
         if k < len(felt):
-            real_step(axis, profile, hardware, state, hidden, told.effort)
+            plant_step(axis, profile, hardware, state, hidden, told.effort)
             felt[k, 0], felt[k, 1] = now.damping, now.effort
 
 
-def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
+def steps_of(axis: Plant, controller: ControlGains, duration: float) -> int:
     """
     Return the number of steps in ``duration`` [s].
 
@@ -126,7 +126,7 @@ def steps_of(axis: Axis, controller: Controller, duration: float) -> int:
     return steps
 
 
-def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
+def simulate(axis: Plant, controller: ControlGains, duration: float) -> Run:
     """
     Run the closed loop for ``duration`` seconds from the axis' start.
 
@@ -152,7 +152,7 @@ def simulate(axis: Axis, controller: Controller, duration: float) -> Run:
     return Run(time=time, events=events, **signals)
 
 
-def _require_bounded(axis: Axis, position: np.ndarray, velocity: np.ndarray) -> None:
+def _require_bounded(axis: Plant, position: np.ndarray, velocity: np.ndarray) -> None:
     """Raise `DivergedError` when the motion leaves all bounds."""
     if not np.max([position.max(), -position.min(), velocity.max(), -velocity.min()]) < DIVERGED:
         size = np.maximum(np.abs(position), np.abs(velocity))
@@ -163,7 +163,7 @@ def _require_bounded(axis: Axis, position: np.ndarray, velocity: np.ndarray) -> 
 Made = tuple[dict[str, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-def made_ideally(axis: Axis, controller: Controller, steps: int) -> Made:
+def made_ideally(axis: Plant, controller: ControlGains, steps: int) -> Made:
     """Return the signals of `Run` by name, and area, guard and velocity at each state."""
     position, velocity, effort, area = (np.empty(steps + 1) for _ in range(4))
     guard, damping = np.empty(steps + 1, np.int8), np.empty(steps)
@@ -189,8 +189,8 @@ def made_ideally(axis: Axis, controller: Controller, steps: int) -> Made:
     }, (area, guard, velocity)
 
 
-def made_really(axis: Axis, controller: Controller, steps: int) -> Made:
-    """Do `made_ideally` with all of core/hardware.py and core/careful.py."""
+def made_really(axis: Plant, controller: ControlGains, steps: int) -> Made:
+    """Do `made_ideally` with all of core/nonidealities.py and core/careful.py."""
     states, measured = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
     commands, felt = np.empty((steps + 1, 4)), np.empty((steps, 2))
     real_loop(

@@ -2,27 +2,27 @@
 
 from typing import Any
 
-from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.hardware import at_rest
-from impulse_control_ros.core.kernel import machine_code
-from impulse_control_ros.core.plant import put_to_start, real_step
+from impulse_control_ros.core.jit import machine_code
+from impulse_control_ros.core.nonidealities import at_rest
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.plant_step import plant_step, put_to_start
 
 
 class SimulatedAxis:
     """
     An axis under changing parameters; what it does is a function of those and of the commands.
 
-    One kernel serves every axis: of an ideal one it makes the bits of core/axis.py.
+    One kernel serves every axis: of an ideal one it makes the bits of core/plant.py.
     """
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: Plant) -> None:
         self._real_step = machine_code(
-            real_step, *axis.packed(), axis.packed_hardware(), axis.start(), at_rest(), 0.0
+            plant_step, *axis.packed(), axis.packed_hardware(), axis.start(), at_rest(), 0.0
         )
         self.change(axis)
         self.start()
 
-    def change(self, axis: Axis) -> None:
+    def change(self, axis: Plant) -> None:
         """Let the next sample be made with other parameters."""
         self._parameters = axis
         self._axis, self._profile = axis.packed()

@@ -12,7 +12,7 @@ v_s     v_s      m/s   Stribeck velocity, from which on it is F_c
 
 The curve falls in a straight line, not in an exponential: so below v_s it is a Coulomb friction
 F_s with the damping d - (F_s - F_c) / v_s, which may be negative, and above it the axis of
-core/axis.py. Each piece has a closed form, its end too: at z = r t, with r the damping by mass
+core/plant.py. Each piece has a closed form, its end too: at z = r t, with r the damping by mass
 and a the acceleration at the start of the piece, v reaches w at t = -log1p(-(w - v) r / a) / r.
 In one sample the velocity is monotone (its equation is of first order and knows no time), so it
 runs through at most four pieces: down to v_s, down to the stop, up to v_s, beyond.
@@ -21,7 +21,7 @@ runs through at most four pieces: down to v_s, down to the stop, up to v_s, beyo
 from dataclasses import dataclass
 import math
 
-from impulse_control_ros.core.kernel import compiled, sign
+from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 
 PIECES = 4
@@ -42,7 +42,7 @@ class Stribeck(Parameters):
 
 @compiled
 def shapes(z):
-    """Return phi1 and phi2 of core/axis.py, for a z of either sign."""
+    """Return phi1 and phi2 of core/plant.py, for a z of either sign."""
     if abs(z) < SHORT:
         phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
         return 1.0 - z * phi2, phi2

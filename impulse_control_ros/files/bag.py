@@ -16,10 +16,10 @@ from typing import Any
 import yaml
 
 from impulse_control_ros import __version__
-from impulse_control_ros.files.columns import BagError, naming
 from impulse_control_ros.files.definition import message_definition, type_hash
 from impulse_control_ros.files.mcap_chunk import Block
-from impulse_control_ros.files.mcap_file import McapFile
+from impulse_control_ros.files.mcap_reader import BagError, naming
+from impulse_control_ros.files.mcap_writer import McapFile
 from impulse_control_ros.files.topics import SERIES
 
 ROS_DISTRO = 'jazzy'
@@ -118,13 +118,13 @@ class BagWriter:
         """Messages written so far."""
         return self._file.count
 
-    def close(self, receipt: Mapping[str, str] | None = None) -> None:
-        """Finish the file, with a ``receipt`` of the recording, and write metadata.yaml."""
+    def close(self, recording_summary: Mapping[str, str] | None = None) -> None:
+        """Finish the file with the ``recording_summary``, and write metadata.yaml."""
         self._if_it_fits(self._file.end_chunk)
         with naming(self._path):
             while True:
                 try:
-                    self._finish(receipt)
+                    self._finish(recording_summary)
                     return
                 except OSError as error:
                     self.full = self.full or error
@@ -132,10 +132,12 @@ class BagWriter:
                         self._file.close()
                         raise
 
-    def _finish(self, receipt: Mapping[str, str] | None) -> None:
-        if receipt is not None:
+    def _finish(self, recording_summary: Mapping[str, str] | None) -> None:
+        if recording_summary is not None:
             why = {'full': os.strerror(self.full.errno or 0)} if self.full else {}
-            self._file.add_metadata('recording', {'messages': str(self.count), **receipt, **why})
+            self._file.add_metadata(
+                'recording', {'messages': str(self.count), **recording_summary, **why}
+            )
         self._add_bag_metadata()
         self._file.finish()
         (self.folder / 'metadata.yaml').write_text(

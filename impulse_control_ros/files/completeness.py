@@ -7,9 +7,9 @@ import numpy as np
 
 from impulse_control_ros.core.protocol import FOREIGN
 from impulse_control_ros.core.tick import SECOND, seconds
+from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.run_choice import OneRun
 from impulse_control_ros.files.run_parameters import acting, Change
-from impulse_control_ros.files.series import Messages
 
 
 def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:

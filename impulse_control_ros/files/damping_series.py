@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from impulse_control_ros.files.columns import Column
+from impulse_control_ros.files.joint_state_arrays import DAMPING
+from impulse_control_ros.files.mcap_reader import Column
 from impulse_control_ros.files.run_choice import OneRun, placed
-from impulse_control_ros.files.series import DAMPING
 
 SIZE = 12  # of a std_msgs/Float64
 

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import (
     build,
     declared,
@@ -18,9 +17,10 @@ from impulse_control_ros.core.parameter import (
     Parameters,
     refusal,
 )
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.protocol import ENDLESS
 from impulse_control_ros.core.tick import nanoseconds, samples_between, SECOND, ticks
-from impulse_control_ros.files.mcap_file import COMPRESSIONS
+from impulse_control_ros.files.mcap_writer import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
@@ -35,7 +35,7 @@ def cpu_core_parameter() -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantParameters(Axis):
+class PlantParameters(Plant):
     """Parameters of the node ``plant_simulator``: the axis, and how it is run."""
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
@@ -134,7 +134,7 @@ class PlantParameters(Axis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerParameters(Controller):
+class ControllerParameters(ControlGains):
     """Parameters of the node ``controller``."""
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
@@ -146,7 +146,7 @@ class ControllerParameters(Controller):
         lower=0.0,
         upper=3600.0,
     )
-    managed: bool = parameter(
+    lifecycle: bool = parameter(
         False,
         '',
         'whether it is a lifecycle node, which commands nothing until it is activated',
@@ -204,7 +204,7 @@ def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, A
             raise refusal(name, gains[name], f'that of {plant}, {axis[name]}{unit}')
 
 
-def axis_of(values: Mapping[str, Any]) -> Axis | None:
+def axis_of(values: Mapping[str, Any]) -> Plant | None:
     """Return the axis of a plant's values by name; None for a plant that is none of ours."""
     ours = {name: value for name, value in values.items() if not is_foreign(name)}
     if not ours.keys() >= {name for name, _, _ in declared(PlantParameters)}:

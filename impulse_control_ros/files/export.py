@@ -14,7 +14,7 @@ A bag as one tidy table: a row for each sample, in the order of time.
     is_reset             whether a run starts here, or is reset
 
 Numbers have the bits of the messages. What is not recorded at a sample is NaN, and empty in a
-file. Parameters, their changes, units, the recorder's receipt and what the bag lacks are in
+file. Parameters, their changes, units, the recording summary and what is missing are in
 ``DataFrame.attrs`` and in the metadata of a Parquet file; a CSV file has no room for them.
 """
 
@@ -27,9 +27,9 @@ import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read, Recording
-from impulse_control_ros.files.replaced import replaced
 
 UNITS = {
     'time': 's',
@@ -152,7 +152,7 @@ def provenance(run: Recording) -> Mapping[str, Any]:
         'parameters': run.parameters,
         'changes': [change._asdict() for change in run.changes],
         'version': run.version,
-        'receipt': run.receipt,
+        'recording_summary': run.recording_summary,
         'unread': run.unread,
         'lacks': run.lacks,
     }

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 import struct
 from typing import Any
 
+from impulse_control_ros.core.parameter import RENAMED
 from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR
 
 TYPE = 'rcl_interfaces/msg/ParameterEvent'
@@ -74,14 +75,14 @@ def decode_parameter_event(
     raw: bytes, decode: Callable[[bytes], Any]
 ) -> tuple[int, int, str, dict[str, Any], dict[str, Any]]:
     """
-    Return (sec, nanosec, node, parameters, changed) of an event.
+    Return (sec, nanosec, node, parameters, changed) of an event, by their present names.
 
     ``decode`` turns the bytes into an object with the message's fields: rclpy's, or mcap's.
     """
     event = decode(raw)
     parameters, changed = (
         {
-            one.name: getattr(one.value, FIELDS[one.value.type])
+            RENAMED.get(one.name, one.name): getattr(one.value, FIELDS[one.value.type])
             for one in values
             if one.value.type in FIELDS
         }

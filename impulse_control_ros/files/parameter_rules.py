@@ -1,10 +1,11 @@
 """Parameters of a command line without ROS, by the rules that ``-p`` of ROS takes."""
 
+from itertools import chain
 import re
 
 import yaml
 
-from impulse_control_ros.core.parameter import declared, ParameterError
+from impulse_control_ros.core.parameter import declared, meant, ParameterError
 from impulse_control_ros.files.experiment import NODES
 from impulse_control_ros.files.parameter_file import Given, parsed
 
@@ -27,13 +28,9 @@ def given_by(rule: str) -> list[Given]:
     node, name = found[1], found[2]
     if node not in (None, *NODES):
         raise ParameterError(f'-p {rule}: invalid node {node!r}: must be {", ".join(NODES)}')
-    meant = (
-        [node]
-        if node
-        else [
-            one for one, kind in NODES.items() if name in [known for known, _, _ in declared(kind)]
-        ]
-    )
-    if not meant:
-        raise ParameterError(f'-p {rule}: no node has a parameter {name}')
-    return [(f'/{node or "**"}', one, {name: value}) for one in meant]
+    known = {one: [item for item, _, _ in declared(kind)] for one, kind in NODES.items()}
+    nodes = [node] if node else [one for one, names in known.items() if name in names]
+    if not nodes:
+        hint = meant(name, chain.from_iterable(known.values()))
+        raise ParameterError(f'-p {rule}: no node has a parameter {name}{hint}')
+    return [(f'/{node or "**"}', one, {name: value}) for one in nodes]

@@ -11,9 +11,16 @@ import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
 from impulse_control_ros.files.bag import PACKAGE, ROLES
-from impulse_control_ros.files.columns import BagError, Column, columns, Item, naming
 from impulse_control_ros.files.completeness import lacking
 from impulse_control_ros.files.damping_series import DampingSeries
+from impulse_control_ros.files.joint_state_arrays import (
+    COMMAND,
+    IMPULSE,
+    Messages,
+    SAMPLE,
+    Series,
+)
+from impulse_control_ros.files.mcap_reader import BagError, Column, columns, Item, naming
 from impulse_control_ros.files.run_choice import (
     choose,
     NO_SOURCE,
@@ -23,13 +30,6 @@ from impulse_control_ros.files.run_choice import (
     Series as AllSeries,
 )
 from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
-from impulse_control_ros.files.series import (
-    COMMAND,
-    IMPULSE,
-    Messages,
-    SAMPLE,
-    Series,
-)
 from impulse_control_ros.files.topics import (
     DAMPING,
     FLOAT64,
@@ -55,9 +55,10 @@ class Recording:
     one of our plants starts or is reset. Behind the state of each stamp in ``withdrawn`` [ns] the
     controller took its effort away, as for want of states, and began afresh. ``history`` are the
     parameters of plants and controllers and their changes, by their stamps.
-    ``version`` is that of the package that recorded them; ``receipt`` is what the recorder says
-    at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag that was cut
-    off, of which ``unread`` bytes at the end are no whole record; None for a finished one.
+    ``version`` is that of the package that recorded them; ``recording_summary`` is what the
+    recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag
+    that was cut off, of which ``unread`` bytes at the end are no whole record; None for a
+    finished one.
     ``lacks`` says in plain sentences what there should be besides. States of other joints, or
     out of their time, are left out.
     """
@@ -70,7 +71,7 @@ class Recording:
     damping: np.ndarray
     history: list[Change]
     version: str
-    receipt: Mapping[str, str]
+    recording_summary: Mapping[str, str]
     unread: int | None
     lacks: list[str]
 
@@ -228,7 +229,7 @@ class _Gathered:
             damping=self._damping.of(found, self._is_ours),
             history=changes,
             version=(self._about or {}).get('version', ''),
-            receipt=self._receipt,
+            recording_summary=self._receipt,
             unread=self._unread,
             lacks=lacking(found, changes),
         )

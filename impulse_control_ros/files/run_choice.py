@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
-from impulse_control_ros.files.series import Messages, Origin
+from impulse_control_ros.files.joint_state_arrays import Messages, Origin
 
 LATE = 10  # states before the one ahead of them in a row: time went back; fewer came late
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from impulse_control_ros.core.protocol import name_of, parse_node
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.columns import Column
+from impulse_control_ros.files.joint_state_arrays import Messages
+from impulse_control_ros.files.mcap_reader import Column
 from impulse_control_ros.files.parameter_event import decode_parameter_event
-from impulse_control_ros.files.series import Messages
 
 DEFAULT_JOINT = 'axis'
 

@@ -6,7 +6,7 @@ from time import monotonic
 from impulse_control_ros.core.protocol import RUN_TIMEOUT
 from impulse_control_ros.core.silence import Silence
 from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
-from impulse_control_ros.files.sample_joiner import Plant, SampleJoiner
+from impulse_control_ros.files.sample_joiner import RecordedPlant, SampleJoiner
 
 # s to wait for a missing message: DDS resends it within 3 s if its author is alive; a replaced
 # author is dead, or its message would come too late
@@ -23,7 +23,7 @@ class RunRecording:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: RecordedPlant,
         make_bag: Callable[[], BagWriter],
         described: Callable[[int], Sequence[Topic]],
     ) -> None:

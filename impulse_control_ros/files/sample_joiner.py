@@ -28,7 +28,7 @@ from impulse_control_ros.files.sample_queues import (
 STATES, EVENTS, COMMANDS, PARAMETERS = range(1, 5)  # channels, as files/topics.py orders them
 
 
-class Plant(NamedTuple):
+class RecordedPlant(NamedTuple):
     """The plant of a run; ``run`` is '' if foreign, ``lockstep`` tells whether it waits."""
 
     run: str
@@ -47,7 +47,7 @@ class SampleJoiner:
     foreign messages.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: RecordedPlant) -> None:
         self.plant = plant
         self.newest = self.reached = self.heard = 0
         self.other: str | None = None

@@ -21,8 +21,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.files.replaced import replaced
-from impulse_control_ros.files.study_file import difference
+from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.files.sweep_config_file import difference
 
 KEY = b'impulse_control_ros'
 ROW_GROUP = 32_768

@@ -68,7 +68,7 @@ class Controller(ManagedNode):
                 JointState, JOINT_STATES, self.on_state, LOCKSTEP_QOS, raw=True
             )
         self._report = ControllerReport(self)
-        if self.parameters.managed:
+        if self.parameters.lifecycle:
             self.manage()
         self.plants.advise(None, self.parameters)
 

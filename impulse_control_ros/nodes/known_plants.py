@@ -6,7 +6,7 @@ from typing import Any
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.serialization import deserialize_message
 
-from impulse_control_ros.core.design import Finding, findings, Level
+from impulse_control_ros.core.design import check_gains, Finding, Level
 from impulse_control_ros.core.protocol import name_of, parse_node
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.files.parameter_event import decode_parameter_event
@@ -58,7 +58,7 @@ class KnownPlants:
     def advise(self, run: str | None, gains: ControllerParameters) -> None:
         """Log the findings on ``gains`` for the plant of a run, each once."""
         values: Mapping[str, Any] = self._values.get(run or '', {})
-        before, self._said = self._said, findings(gains, axis_of(values))
+        before, self._said = self._said, check_gains(gains, axis_of(values))
         for finding in self._said:
             if finding in before:
                 continue

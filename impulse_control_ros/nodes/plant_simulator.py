@@ -16,8 +16,8 @@ from typing import Any
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from impulse_control_ros.core.axis import DIVERGED, DivergedError
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
+from impulse_control_ros.core.plant import DIVERGED, DivergedError
 from impulse_control_ros.core.protocol import (
     FOREIGN,
     name_of,

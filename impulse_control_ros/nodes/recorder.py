@@ -25,10 +25,10 @@ from impulse_control_ros.core.recorder_flow_control import LEAVES
 from impulse_control_ros.core.tick import nanoseconds, SECOND
 from impulse_control_ros.files.bag import BagWriter, require_writable
 from impulse_control_ros.files.cdr import encode_header
-from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import RecorderParameters
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.run_recording import RunRecording
-from impulse_control_ros.files.sample_joiner import PARAMETERS, Plant
+from impulse_control_ros.files.sample_joiner import PARAMETERS, RecordedPlant
 from impulse_control_ros.files.topics import RECORDER_PROGRESS
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.known_plants import decoded
@@ -105,7 +105,7 @@ class Recorder(ParameterNode):
     def _record(self, run: str) -> None:
         """Begin to record a run whose parameters are known."""
         values = self._plants[run]
-        plant = Plant(
+        plant = RecordedPlant(
             run,
             values['joint_name'],
             nanoseconds(values['time_step'], 'time_step'),

@@ -16,9 +16,9 @@ import sys
 
 from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read, Recording
-from impulse_control_ros.files.replaced import replaced
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.analyze.table import responses_of
 
@@ -45,11 +45,11 @@ def closed_loop(config: Path, bag: Path) -> int:
 
 def rows(run: Recording) -> list[tuple[str, str]]:
     """Return (what, value with unit) of a recorded run."""
-    states, receipt = run.states, run.receipt
+    states, recording_summary = run.states, run.recording_summary
     time = (states['stamp'] - states['stamp'][0]) / SECOND
     controller = next(values for values in run.parameters.values() if 'x_r' in values)
     error = states['position'] - controller['x_r']
-    wall = float(receipt['wall_seconds'])
+    wall = float(recording_summary['wall_seconds'])
     return [
         ('settling time to 1e-2 m', f'{settling_time(time, error, 1e-2):.4f} s'),
         ('settling time to 1e-3 m', f'{settling_time(time, error, 1e-3):.4f} s'),
@@ -57,8 +57,8 @@ def rows(run: Recording) -> list[tuple[str, str]]:
         ('peak velocity', f'{peak(states["velocity"]):.3f} m/s'),
         ('impulses', str(len(run.impulses))),
         ('peak effort', f'{peak(run.commands["effort"]):.4g} N'),
-        ('messages recorded', receipt['messages']),
-        ('messages missing', receipt['missing']),
+        ('messages recorded', recording_summary['messages']),
+        ('messages missing', recording_summary['missing']),
         ('simulated per wall second', f'{time[-1] / wall:.2f}'),
     ]
 

@@ -106,7 +106,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         )
 
     from impulse_control_ros.core.parameter import ParameterError
-    from impulse_control_ros.files.columns import BagError
+    from impulse_control_ros.files.mcap_reader import BagError
 
     try:
         lines, same = compared(options)
@@ -140,10 +140,10 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     """Run the bag again; returns what to print, and whether every message is the same."""
     import numpy as np
 
-    from impulse_control_ros.files.columns import BagError
+    from impulse_control_ros.files.mcap_reader import BagError
     from impulse_control_ros.files.recording import read
-    from impulse_control_ros.tools.difference import difference, lines_of, same
-    from impulse_control_ros.tools.rerun import closed_loop, open_loop
+    from impulse_control_ros.tools.bag_diff import difference, lines_of, same
+    from impulse_control_ros.tools.resimulate import closed_loop, open_loop
 
     recording, overrides = read(options.bag, options.run), overrides_of(options)
     if recording.unread is not None:
@@ -168,7 +168,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     # a run that is ended may leave its last state unanswered
     absent = int(np.count_nonzero(commands.new < recording.states['stamp'][-1]))
     # what a finished bag lacks without having said so
-    identical = same(found) and absent <= int(recording.receipt.get('missing', absent))
+    identical = same(found) and absent <= int(recording.recording_summary.get('missing', absent))
     lacks = f' of the bag is the same, to the bit; {absent} commands are not in it'
     return [
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',

@@ -16,7 +16,7 @@ from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.arguments import ended
 
 if TYPE_CHECKING:
-    from impulse_control_ros.core.study import Study
+    from impulse_control_ros.core.sweep_config import SweepConfig
     from impulse_control_ros.files.sweep_folder import SweepFolder
     from impulse_control_ros.tools.sweep_workers import Workers
 
@@ -75,8 +75,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace, stop: StopRequest) -> int:
     """Run what is left of the study, and show the result; returns the exit status."""
-    from impulse_control_ros.core.study import units
-    from impulse_control_ros.files.study_file import identity, read_study
+    from impulse_control_ros.core.sweep_config import units
+    from impulse_control_ros.files.sweep_config_file import identity, read_study
     from impulse_control_ros.files.sweep_folder import SweepFolder
     from impulse_control_ros.tools.sweep_pictures import save_pictures
     from impulse_control_ros.tools.sweep_summary import summary
@@ -105,7 +105,9 @@ def workers_at(scheduler: str | None) -> 'AbstractContextManager[Workers]':
     return dask_workers(scheduler) if scheduler else local_workers()
 
 
-def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: StopRequest) -> str:
+def finish(
+    study: 'SweepConfig', folder: 'SweepFolder', workers: 'Workers', stop: StopRequest
+) -> str:
     """Run the chunks that are not there; conclude if all are, and say how fast it was."""
     from tqdm import tqdm
 
@@ -136,7 +138,7 @@ def finish(study: 'Study', folder: 'SweepFolder', workers: 'Workers', stop: Stop
     return speed(study, study.rows - done, wall, max(workers.slots(), 1)) if todo else ''
 
 
-def speed(study: 'Study', runs: int, wall: float, cores: int) -> str:
+def speed(study: 'SweepConfig', runs: int, wall: float, cores: int) -> str:
     """Say how fast ``runs`` were done in ``wall`` seconds."""
     per_step = wall * cores / (runs * study.steps) * 1e9
     return (

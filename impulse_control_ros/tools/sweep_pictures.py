@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from impulse_control_ros.core.batch import found
-from impulse_control_ros.core.study import Study
-from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.core.sweep_config import SweepConfig
+from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.tools.sweep_summary import (
     Column,
     heading,
@@ -37,10 +37,10 @@ EXTEND = {
     (True, True): 'both',
 }
 BLUE, GREY = '#1f5a94', '#c8c8c8'
-Panel = Callable[[Any, Study, str, np.ndarray], None]
+Panel = Callable[[Any, SweepConfig, str, np.ndarray], None]
 
 
-def save_pictures(study: Study, column: Column, folder: Path, name: str) -> list[Path]:
+def save_pictures(study: SweepConfig, column: Column, folder: Path, name: str) -> list[Path]:
     """Draw the picture of the study ``name`` and save it as PNG and PDF; returns the paths."""
     figure = picture(study, column, name)
     paths = [folder / 'figures.png', folder / 'figures.pdf']
@@ -52,7 +52,7 @@ def save_pictures(study: Study, column: Column, folder: Path, name: str) -> list
     return paths
 
 
-def picture(study: Study, column: Column, name: str) -> Figure:
+def picture(study: SweepConfig, column: Column, name: str) -> Figure:
     """Return the picture of a study: a panel for each figure of merit."""
     columns = shown_columns(study)
     high = -(-len(columns) // WIDE)
@@ -81,7 +81,7 @@ def left_out(key: str, values: np.ndarray) -> str:
     return f'{100.0 * share:.3g} % of the runs {why}' if share else ''
 
 
-def distribution(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
+def distribution(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
     """Draw a histogram, with the median."""
     axes.set_title(left_out(key, values), fontsize=10)
     axes.set(xlabel=heading(study, key), ylabel='share of the runs')
@@ -127,7 +127,7 @@ def mark_median(axes: Any, median: float) -> None:
     )
 
 
-def name_panel(axes: Any, study: Study, key: str, note: str) -> None:
+def name_panel(axes: Any, study: SweepConfig, key: str, note: str) -> None:
     """Say above a panel which figure of merit it has, and ``note``."""
     axes.set_title('\n'.join(filter(None, [heading(study, key), note])), fontsize=10)
 
@@ -171,7 +171,7 @@ def bins(values: np.ndarray, is_log: bool, is_count: bool) -> np.ndarray:
     return np.linspace(low, high, BINS + 1) if high > low else np.array([low - 0.5, low + 0.5])
 
 
-def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
+def along_axis(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
     """Draw the median along the one axis, and the band from 5 to 95 %."""
     ((name, points),) = study.axes.items()
     low, middle, high = quantiles(
@@ -199,7 +199,7 @@ def along_axis(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
     axes.grid(alpha=0.3)
 
 
-def heat_map(axes: Any, study: Study, key: str, values: np.ndarray) -> None:
+def heat_map(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
     """Draw the median over the two axes; the first one goes up, the second to the right."""
     (up, rows), (right, columns) = study.axes.items()
     middle = quantiles(values.reshape(len(rows), len(columns), study.extent.runs), (0.5,))[0]

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from impulse_control_ros.core.study import MEASURES, settling, Study, title, units
+from impulse_control_ros.core.sweep_config import MEASURES, settling, SweepConfig, title, units
 
 SHOWN = (
     'overshoot',
@@ -33,7 +33,7 @@ def quantiles(values: np.ndarray, shares: tuple[float, ...]) -> np.ndarray:
     return np.moveaxis(ranked[..., places], -1, 0)
 
 
-def shown_columns(study: Study) -> list[str]:
+def shown_columns(study: SweepConfig) -> list[str]:
     """Return the figures that are shown, in order."""
     return [*map(settling, study.tolerances), *SHOWN]
 
@@ -45,14 +45,14 @@ def shown(column: Column, name: str) -> np.ndarray:
     return np.abs(values) if name == 'final_error' else values
 
 
-def heading(study: Study, name: str) -> str:
+def heading(study: SweepConfig, name: str) -> str:
     """Return e.g. ``peak effort [N]``."""
     words = f'abs({title(name)})' if name == 'final_error' else title(name)
     unit = units(study)[name]
     return f'{words} [{unit}]' if unit else words
 
 
-def summary(study: Study, column: Column) -> str:
+def summary(study: SweepConfig, column: Column) -> str:
     """Return the table, and the shares of runs that do not settle and that diverge."""
     lines = [f'{"":<32}' + ''.join(f'{head:>12}' for head in HEADS)]
     for name in shown_columns(study):

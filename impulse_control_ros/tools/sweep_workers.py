@@ -26,8 +26,8 @@ import numba
 import numpy as np
 from tqdm import tqdm
 
-from impulse_control_ros.core.study import run_chunk, Study
-from impulse_control_ros.files.study_file import code_digest
+from impulse_control_ros.core.sweep_config import run_chunk, SweepConfig
+from impulse_control_ros.files.sweep_config_file import code_digest
 from impulse_control_ros.files.sweep_folder import SweepError
 from impulse_control_ros.stop import StopRequest
 
@@ -50,7 +50,7 @@ class ForeignCodeError(RuntimeError):
     """A worker that has another version of the code."""
 
 
-def verified_chunk(study: Study, number: int, code: str) -> Columns:
+def verified_chunk(study: SweepConfig, number: int, code: str) -> Columns:
     """Run a chunk, if the code here is that of the sweep."""
     if code_digest() != code:
         raise ForeignCodeError('a worker has another version of impulse_control_ros')
@@ -117,7 +117,7 @@ def connected(address: str) -> Any:
 
 def computed(
     workers: Workers,
-    study: Study,
+    study: SweepConfig,
     todo: Sequence[int],
     stop: StopRequest,
 ) -> Iterator[tuple[int, Columns]]:

@@ -6,7 +6,6 @@ import numba
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis, DivergedError
 from impulse_control_ros.core.batch import (
     columns,
     damping_seeds,
@@ -15,13 +14,14 @@ from impulse_control_ros.core.batch import (
     simulate_batch,
 )
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
 from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.plant import DivergedError, Plant
 from impulse_control_ros.core.simulate import simulate
 
-AXIS, CONTROLLER = Axis(F_c=1.0), Controller()
+AXIS, CONTROLLER = Plant(F_c=1.0), ControlGains()
 TOLERANCES = (1e-2, 1e-3, 1e-5)
 THREADS = numba.config.NUMBA_NUM_THREADS
 
@@ -125,9 +125,9 @@ def test_one_seed_gives_every_run_a_seed_of_its_own():
 
 
 def test_a_value_that_is_not_varied_is_that_of_the_base():
-    axis = Axis(F_c=0.0, damping=Damping(kind='noise', seed=5))
-    batch = simulate_batch(axis, Controller(K=12.0), 0.2, {'x_0': [0.5, 0.4]})
-    run = simulate(axis, Controller(K=12.0), 0.2)
+    axis = Plant(F_c=0.0, damping=Damping(kind='noise', seed=5))
+    batch = simulate_batch(axis, ControlGains(K=12.0), 0.2, {'x_0': [0.5, 0.4]})
+    run = simulate(axis, ControlGains(K=12.0), 0.2)
     assert batch['final_error'][0] == run.position[-1]
 
 
@@ -195,4 +195,4 @@ def test_a_batch_without_rows_is_refused():
 
 def test_a_controller_with_another_time_step_is_refused():
     with pytest.raises(ParameterError, match='time_step = 0.001'):
-        simulate_batch(AXIS, Controller(time_step=1e-3), 1.0, {'x_0': [0.5]})
+        simulate_batch(AXIS, ControlGains(time_step=1e-3), 1.0, {'x_0': [0.5]})

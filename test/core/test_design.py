@@ -7,14 +7,13 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.design import (
     alpha_bounds,
     beta,
+    check_gains,
     critical_damping,
     dead_zone,
-    findings,
     first_zero_time,
     least_stiffness,
     Level,
@@ -22,28 +21,29 @@ from impulse_control_ros.core.design import (
     quiet_error,
     sampled_floor,
 )
-from impulse_control_ros.core.hardware import Actuator, Payload, Sensor
 from impulse_control_ros.core.hybrid import Reading, solve
 from impulse_control_ros.core.impulse import (
-    Controller,
+    ControlGains,
     impulse_area,
     POSITION_ZERO,
     STICKING,
     VELOCITY_ZERO,
 )
+from impulse_control_ros.core.nonidealities import Actuator, Payload, Sensor
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.stribeck import Stribeck
 from impulse_control_ros.files.parameter_file import read_experiment
 from test.conftest import CONFIG
 
-PD = Controller(impulses=False)
-AXIS = Axis(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
-ROUGH = Axis(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
+PD = ControlGains(impulses=False)
+AXIS = Plant(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
+ROUGH = Plant(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
 
 
 def said(level, gains, axis=None):
     """Return the texts of the findings of one level."""
-    return [finding.text for finding in findings(gains, axis) if finding.level is level]
+    return [finding.text for finding in check_gains(gains, axis) if finding.level is level]
 
 
 # Gains.
@@ -51,30 +51,30 @@ def said(level, gains, axis=None):
 
 @pytest.mark.parametrize(('m', 'K', 'd_bar'), [(0.2, 10.0, 1.5), (0.1, 40.0, 0.3)])
 def test_the_recommended_damping_is_critical(m, K, d_bar):
-    gains = Controller(m=m, K=K, d_bar=d_bar)
+    gains = ControlGains(m=m, K=K, d_bar=d_bar)
     right = critical_damping(gains)
     assert (d_bar + right) ** 2 == pytest.approx(4 * m * K)
     assert f'D = {right:g} N s/m is' in said(Level.WARNING, gains)[0]
-    assert said(Level.WARNING, Controller(m=m, K=K, d_bar=d_bar, D=right)) == []
+    assert said(Level.WARNING, ControlGains(m=m, K=K, d_bar=d_bar, D=right)) == []
 
 
 def test_where_the_damping_alone_is_too_much_a_stiffness_is_recommended():
-    gains = Controller(d_bar=3.0)
+    gains = ControlGains(d_bar=3.0)
     assert 'K = 22.5 N/m with D = 0 is' in said(Level.WARNING, gains)[0]
-    assert critical_damping(Controller(d_bar=3.0, K=least_stiffness(gains))) == 0.0
+    assert critical_damping(ControlGains(d_bar=3.0, K=least_stiffness(gains))) == 0.0
 
 
 def test_the_bounds_of_alpha_stop_and_reverse_the_axis():
     least, below = alpha_bounds(0.1, -3.5)
     assert -3.5 + 2 * least / 0.1 == 0.0
     assert -3.5 + 2 * below / 0.1 == 3.5
-    gains = Controller(alpha_ratio=0.5).packed()[0]
+    gains = ControlGains(alpha_ratio=0.5).packed()[0]
     assert impulse_area(POSITION_ZERO, gains, 0.0, -3.5) == 2 * least
 
 
 @pytest.mark.parametrize('c', [1.0, 2.0])
 def test_beta_is_that_of_the_control_law(c):
-    gains = Controller(c=c, x_r=0.1)
+    gains = ControlGains(c=c, x_r=0.1)
     assert impulse_area(STICKING, gains.packed()[0], 0.2, 0.0) == pytest.approx(-beta(gains, 0.2))
     assert impulse_area(VELOCITY_ZERO, gains.packed()[0], -0.2, 0.0) == (
         pytest.approx(2 * beta(gains, -0.2))
@@ -85,15 +85,15 @@ def test_pd_alone_sticks_in_the_dead_zone_and_leaves_it_from_outside():
     zone = dead_zone(PD, ROUGH.F_c)
     assert zone == 0.1
     for factor, moves in ((1.0, False), (1.0 + 1e-9, True)):
-        axis = Axis(x_0=factor * zone, F_c=1.0, damping=Damping(value=0.15))
+        axis = Plant(x_0=factor * zone, F_c=1.0, damping=Damping(value=0.15))
         assert (solve(axis, PD, 1.0).end_time > 0.0) == moves
 
 
 @pytest.mark.parametrize('c', [1.0, 2.0])
 @pytest.mark.parametrize('step', [1e-3, 1e-4])
 def test_the_sampled_loop_comes_to_rest_at_the_floor(step, c):
-    gains = Controller(time_step=step, c=c)
-    axis = Axis(x_0=0.02, F_c=1.0, time_step=step, damping=Damping(value=0.15))
+    gains = ControlGains(time_step=step, c=c)
+    axis = Plant(x_0=0.02, F_c=1.0, time_step=step, damping=Damping(value=0.15))
     run = simulate(axis, gains, 6.0)
     floor = sampled_floor(gains, 1.0)
     assert floor == pytest.approx(c * step / 1.5)
@@ -108,12 +108,12 @@ def test_the_sampled_loop_comes_to_rest_at_the_floor(step, c):
     [(0.15, 0.12143680500356), (0.5, 0.149), (1.0, 0.238), (1.3, 0.436), (1.49, 2.76)],
 )
 def test_the_first_zero_is_predicted(d, time):
-    assert first_zero_time(Controller(), d) == pytest.approx(time, rel=4e-3)
+    assert first_zero_time(ControlGains(), d) == pytest.approx(time, rel=4e-3)
 
 
 def test_impulses_reach_the_set_point_for_every_damping_below_its_bound_and_none_at_it():
-    assert math.isfinite(first_zero_time(Controller(), 1.5 * (1 - 1e-12)))
-    assert math.isinf(first_zero_time(Controller(), 1.5 * (1 + 1e-12)))
+    assert math.isfinite(first_zero_time(ControlGains(), 1.5 * (1 - 1e-12)))
+    assert math.isinf(first_zero_time(ControlGains(), 1.5 * (1 + 1e-12)))
     assert math.isinf(first_zero_time(PD, 1.5))
 
 
@@ -126,9 +126,9 @@ def test_impulses_reach_the_set_point_for_every_damping_below_its_bound_and_none
     st.sampled_from([1.0, 2.0]),
 )
 def test_the_predictions_are_those_of_the_exact_solution(d, error, D, impulses, c):
-    gains = Controller(D=D, impulses=impulses, c=c, x_r=0.25)
+    gains = ControlGains(D=D, impulses=impulses, c=c, x_r=0.25)
     zero = first_zero_time(gains, d)
-    axis = Axis(x_0=error + 0.25, F_c=0.0, damping=Damping(value=d))
+    axis = Plant(x_0=error + 0.25, F_c=0.0, damping=Damping(value=d))
     solution = solve(axis, gains, min(zero, 5.0) * (1 + 1e-9), reading=Reading.ONE_JUMP)
     time = np.linspace(0.0, min(zero, 5.0) * (1 - 1e-9), 4001)
     x, v = solution.at(time)
@@ -141,7 +141,7 @@ def test_the_predictions_are_those_of_the_exact_solution(d, error, D, impulses, 
 
 
 def test_fig_2_has_its_peak_speeds():
-    assert peak_speed(Controller(), 0.15, 0.5) == pytest.approx(4.386, abs=5e-4)
+    assert peak_speed(ControlGains(), 0.15, 0.5) == pytest.approx(4.386, abs=5e-4)
     assert peak_speed(PD, 0.15, -0.5) == pytest.approx(3.265, abs=5e-4)
     assert peak_speed(PD, 1.5, 0.5) == pytest.approx(5.0 / math.e)
 
@@ -150,9 +150,9 @@ def test_fig_2_has_its_peak_speeds():
 
 
 def test_table_1_has_no_findings():
-    assert findings(Controller()) == []
-    assert findings(Controller(), AXIS) == []
-    assert critical_damping(Controller()) == pytest.approx(0.5)
+    assert check_gains(ControlGains()) == []
+    assert check_gains(ControlGains(), AXIS) == []
+    assert critical_damping(ControlGains()) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -168,22 +168,24 @@ def test_table_1_has_no_findings():
     ],
 )
 def test_a_wrong_mass_is_judged_by_the_bounds_of_alpha(m, level):
-    texts = said(level, Controller(m=m), AXIS)
+    texts = said(level, ControlGains(m=m), AXIS)
     assert f'm = {m:g} kg is not that of the axis, 0.1 kg' in texts[-1]
     assert 'from 0.0833333 to below 0.166667 kg' in texts[-1]
-    assert not said(Level.ERROR, Controller(m=m, impulses=False), AXIS)
+    assert not said(Level.ERROR, ControlGains(m=m, impulses=False), AXIS)
 
 
 def test_the_mass_with_the_payload_is_judged_too():
     loaded = replace(AXIS, payload=Payload(mass=0.3))
-    (text,) = said(Level.WARNING, Controller(), loaded)
+    (text,) = said(Level.WARNING, ControlGains(), loaded)
     assert text.startswith('m = 0.1 kg is not that of the axis with its payload, 0.4 kg')
     relieved = replace(AXIS, m=0.2, payload=Payload(mass=-0.1))
-    assert ['0.2 kg' in text for text in said(Level.WARNING, Controller(), relieved)] == [True]
+    assert ['0.2 kg' in text for text in said(Level.WARNING, ControlGains(), relieved)] == [True]
 
 
 def test_a_lag_raises_the_error_from_which_an_impulse_releases():
-    patient = Controller(stick_samples=302, position_deadband=2e-3, velocity_deadband=0.05)
+    patient = ControlGains(
+        stiction_wait_samples=302, position_deadband=2e-3, velocity_deadband=0.05
+    )
     axis = replace(ROUGH, F_c=0.3, actuator=Actuator(time_constant=1e-2))
     (text,) = said(Level.NOTE, patient, axis)
     assert 'a position_deadband above 0.00808033 m ends them' in text  # 2 c F_c T / d_bar and 1 %
@@ -200,7 +202,7 @@ def test_a_lag_raises_the_error_from_which_an_impulse_releases():
     ids=lambda damping: damping.kind,
 )
 def test_a_damping_above_its_bound_is_a_warning(damping):
-    texts = said(Level.WARNING, Controller(), Axis(F_c=0.0, damping=damping))
+    texts = said(Level.WARNING, ControlGains(), Plant(F_c=0.0, damping=damping))
     assert len(texts) == 1
     assert 'd_bar = 1.5 N s/m is no bound' in texts[0]
     assert 'd_bar = 1.6 N s/m is' in texts[0]
@@ -211,11 +213,11 @@ def test_friction_without_impulses_is_a_note_on_the_dead_zone():
 
 
 def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
-    (text,) = said(Level.NOTE, Controller(), ROUGH)
+    (text,) = said(Level.NOTE, ControlGains(), ROUGH)
     assert text.startswith('position_deadband = 1e-06 m is below 0.000133467 m, up to which')
     assert 'a position_deadband above 0.000133467 m ends them' in text
-    gains = Controller(position_deadband=1.34e-4)
-    assert findings(gains, ROUGH) == []
+    gains = ControlGains(position_deadband=1.34e-4)
+    assert check_gains(gains, ROUGH) == []
     assert simulate(ROUGH, gains, 6.0).events['tick'][-1] < 5.0 / 1e-4
 
 
@@ -229,7 +231,7 @@ def at_rest(axis, gains, least=0.05, most=0.6):
 
 def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_double():
     # seen above 0.5 mm/s: m 5e-4 is half of F_c dt
-    hiding = Controller(velocity_deadband=5e-4, position_deadband=1.99e-4)
+    hiding = ControlGains(velocity_deadband=5e-4, position_deadband=1.99e-4)
     (text,) = said(Level.NOTE, hiding, ROUGH)
     assert 'above 0.0002 m ends them' in text
     assert at_rest(ROUGH, hiding) > 0
@@ -245,7 +247,7 @@ def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_doub
 
 def test_an_encoder_shows_no_error_between_its_steps():
     q = 1e-4
-    gains = Controller(velocity_deadband=1.0, position_deadband=1.5 * q)
+    gains = ControlGains(velocity_deadband=1.0, position_deadband=1.5 * q)
 
     def noted(F_c, x_r=0.0):
         axis = replace(ROUGH, F_c=F_c, sensor=Sensor(resolution=q))
@@ -264,78 +266,80 @@ def test_an_encoder_shows_no_error_between_its_steps():
 
 
 def test_an_effort_limit_within_the_friction_is_an_error():
-    assert 'effort_limit = 1 N' in said(Level.ERROR, Controller(effort_limit=1.0), ROUGH)[0]
-    assert said(Level.ERROR, Controller(effort_limit=1.1), ROUGH) == []
+    assert 'effort_limit = 1 N' in said(Level.ERROR, ControlGains(effort_limit=1.0), ROUGH)[0]
+    assert said(Level.ERROR, ControlGains(effort_limit=1.1), ROUGH) == []
     sticky = replace(ROUGH, stribeck=Stribeck(F_s=1.5))
     assert (
-        'does not exceed F_s = 1.5 N' in said(Level.ERROR, Controller(effort_limit=1.1), sticky)[0]
+        'does not exceed F_s = 1.5 N'
+        in said(Level.ERROR, ControlGains(effort_limit=1.1), sticky)[0]
     )
-    assert said(Level.ERROR, Controller(effort_limit=1.6), sticky) == []
+    assert said(Level.ERROR, ControlGains(effort_limit=1.6), sticky) == []
 
 
 def test_another_time_step_is_an_error():
-    assert 'time_step = 0.001 s' in said(Level.ERROR, Controller(time_step=1e-3), AXIS)[0]
+    assert 'time_step = 0.001 s' in said(Level.ERROR, ControlGains(time_step=1e-3), AXIS)[0]
 
 
 @pytest.mark.parametrize(
     ('change', 'text'), [({'c': 1.0}, 'c = 1 makes'), ({'hold_off': 8}, 'hold_off = 8 samples')]
 )
 def test_jumps_unlike_the_figures_are_notes_while_impulses_act(change, text):
-    assert said(Level.NOTE, Controller(**change))[0].startswith(text)
-    assert findings(Controller(impulses=False, **change)) == []
+    assert said(Level.NOTE, ControlGains(**change))[0].startswith(text)
+    assert check_gains(ControlGains(impulses=False, **change)) == []
 
 
 @pytest.mark.parametrize(
     ('axis', 'change', 'text'),
     [
         (
-            Axis(sensor=Sensor(resolution=1e-3)),
+            Plant(sensor=Sensor(resolution=1e-3)),
             {'position_deadband': 1.5e-3},
             'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: '
             '0.0015 m, '
             '1.5 steps of the encoder of 0.001 m',
         ),
         (
-            Axis(sensor=Sensor(position_noise=1e-3)),
+            Plant(sensor=Sensor(position_noise=1e-3)),
             {'position_deadband': 4e-3},
             'position_deadband = 1e-06 m lets an axis at rest have impulse after impulse: 0.004 m',
         ),
         (
-            Axis(sensor=Sensor(resolution=1e-9, position_noise=1e-9, velocity='none')),
+            Plant(sensor=Sensor(resolution=1e-9, position_noise=1e-9, velocity='none')),
             {'velocity_deadband': 1.9e-6},
             'velocity_deadband = 0 m/s lets an axis at rest have impulse '
             'after impulse: 1.88496e-06 m/s',
         ),
         (
-            Axis(actuator=Actuator(delay=2, time_constant=1e-3)),
-            {'stick_samples': 33},
-            'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 33 '
+            Plant(actuator=Actuator(delay=2, time_constant=1e-3)),
+            {'stiction_wait_samples': 33},
+            'stiction_wait_samples = 1 samples lets an axis at rest have impulse after '
+            'impulse: 33 '
             'samples',
         ),
         (
-            Axis(sensor=Sensor(velocity_noise=1e-2)),
+            Plant(sensor=Sensor(velocity_noise=1e-2)),
             {'velocity_deadband': 0.04},
             'velocity_deadband = 1e-06 m/s lets an axis at rest have impulse after impulse: '
             '0.04 m/s, '
             'four times the velocity_noise of 0.01 m/s, ends them',
         ),
         (
-            Axis(sensor=Sensor(resolution=1e-9, velocity='none')),
+            Plant(sensor=Sensor(resolution=1e-9, velocity='none')),
             {'velocity_deadband': 6.3e-7, 'velocity_bandwidth': 50.0},
             'velocity_deadband = 0 m/s lets an axis at rest have impulse after impulse: '
             '6.28319e-07 m/s',
         ),
         (
-            Axis(actuator=Actuator(delay=7)),
-            {'stick_samples': 8},
-            'stick_samples = 1 samples lets an axis at rest have impulse after impulse: 8 '
+            Plant(actuator=Actuator(delay=7)),
+            {'stiction_wait_samples': 8},
+            'stiction_wait_samples = 1 samples lets an axis at rest have impulse after impulse: 8 '
             'samples, '
             'more than the actuator takes to act, its delay of 7 samples',
         ),
     ],
 )
 def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, change, text):
-    gains = Controller(velocity_deadband=0.0) if '0 m/s lets' in text else Controller()
+    gains = ControlGains(velocity_deadband=0.0) if '0 m/s lets' in text else ControlGains()
     assert any(warning.startswith(text) for warning in said(Level.WARNING, gains, axis))
     assert said(Level.WARNING, replace(gains, **change), axis) == []
     assert said(Level.WARNING, replace(gains, impulses=False), axis) == []
@@ -344,14 +348,14 @@ def test_a_dead_band_below_what_the_sensor_shows_at_rest_is_a_warning(axis, chan
 def test_an_actuator_that_cuts_impulses_off_is_a_warning():
     axis = replace(AXIS, actuator=Actuator(limit=20.0))
     for limit in (0.0, 20.1):
-        (text,) = said(Level.WARNING, Controller(effort_limit=limit), axis)
+        (text,) = said(Level.WARNING, ControlGains(effort_limit=limit), axis)
         assert text.startswith(f'effort_limit = {limit:g} N is above the 20 N of the actuator')
-    assert said(Level.WARNING, Controller(effort_limit=20.0), axis) == []
+    assert said(Level.WARNING, ControlGains(effort_limit=20.0), axis) == []
 
 
 def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
     sensor = Sensor(resolution=1e-4, velocity='difference')
-    gains = Controller(position_deadband=1.5e-4)
+    gains = ControlGains(position_deadband=1.5e-4)
     (text,) = said(Level.WARNING, gains, replace(AXIS, sensor=sensor))
     assert 'm as 1 m/s' in text
     assert text.endswith(
@@ -372,19 +376,19 @@ def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
 
 def test_the_encoder_experiment_has_no_findings():
     experiment = read_experiment(CONFIG / 'encoder.yaml')
-    assert findings(experiment.controller, experiment.plant_simulator) == []
+    assert check_gains(experiment.controller, experiment.plant_simulator) == []
 
 
 def test_an_integral_gain_that_is_unstable_without_damping_is_a_warning():
     limit = 0.5 * 10.0 / 0.1
-    (text,) = said(Level.WARNING, Controller(K_i=limit))
+    (text,) = said(Level.WARNING, ControlGains(K_i=limit))
     assert f'K_i = {limit:g} N/(m s) is unstable' in text
-    assert said(Level.WARNING, Controller(K_i=0.99 * limit)) == []
+    assert said(Level.WARNING, ControlGains(K_i=0.99 * limit)) == []
     # and so it is: it grows above the bound and decays below it
-    axis = Axis(F_c=0.0, damping=Damping(value=1e-6))
+    axis = Plant(F_c=0.0, damping=Damping(value=1e-6))
     ends = {
         factor: np.abs(
-            simulate(axis, Controller(K_i=factor * limit, impulses=False), 20.0).position[-5000:]
+            simulate(axis, ControlGains(K_i=factor * limit, impulses=False), 20.0).position[-5000:]
         ).max()
         for factor in (0.9, 1.1)
     }

@@ -8,18 +8,18 @@ from mpmath import expm, findroot, matrix, mp, mpf
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.flow import first_zero, response
 from impulse_control_ros.core.hybrid import End, Reading, solve
-from impulse_control_ros.core.impulse import Controller, POSITION_ZERO, VELOCITY_ZERO
+from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 
 mp.dps = 40
-FIG_2 = Axis(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
-FIG_5 = Axis(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
-PD = Controller(impulses=False)
+FIG_2 = Plant(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
+FIG_5 = Plant(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
+PD = ControlGains(impulses=False)
 FIRST_ZERO = 0.12143680500356
 FIRST_ZERO_SPEED = 3.49358568945
 BOUNCE = 0.045631664494
@@ -198,14 +198,14 @@ def random_case(seed):
     d, D = draw.uniform(0.05, d_bar), draw.uniform(0, 2)
     if seed % 3 == 0:  # critical but for the rounding, or for a little more
         D = max(2 * math.sqrt(m * K) * (1 + draw.choice([0, 1e-12, -1e-8])) - d, 0.0)
-    axis = Axis(
+    axis = Plant(
         m=m,
         F_c=draw.choice([0.0, 0.0, draw.uniform(0.05, 2)]),
         x_0=draw.uniform(-1, 1),
         v_0=draw.choice([0.0, draw.uniform(-3, 3)]),
         damping=Damping(value=d),
     )
-    gains = Controller(
+    gains = ControlGains(
         m=m * draw.uniform(0.8, 1.2),
         K=K,
         D=D,
@@ -242,7 +242,7 @@ def test_any_solution_is_that_of_the_independent_reference_to_1e_10(seed, readin
 
 
 def test_fig_2_read_strictly_the_origin_is_reached_at_the_first_position_zero():
-    solution = solve(FIG_2, Controller(), 2.0)
+    solution = solve(FIG_2, ControlGains(), 2.0)
     assert solution.events.tolist() == [
         (0.0, VELOCITY_ZERO, 0.5, 0.0, pytest.approx(-3.75)),
         (
@@ -258,7 +258,7 @@ def test_fig_2_read_strictly_the_origin_is_reached_at_the_first_position_zero():
 
 
 def test_fig_2_with_one_jump_for_each_crossing_the_axis_bounces_by_a_constant_ratio():
-    solution = one_jump(FIG_2, Controller(), 2.0)
+    solution = one_jump(FIG_2, ControlGains(), 2.0)
     turns = solution.events[solution.events['guard'] == VELOCITY_ZERO]
     assert turns['time'][1] == pytest.approx(BOUNCE_TIME, abs=1e-12)
     assert turns['position'][1] == pytest.approx(BOUNCE, abs=1e-12)
@@ -269,7 +269,7 @@ def test_fig_2_with_one_jump_for_each_crossing_the_axis_bounces_by_a_constant_ra
 
 
 def test_fig_5_impulses_move_the_sticking_axis_on_for_ever():
-    solution = solve(FIG_5, Controller(), 2.0)
+    solution = solve(FIG_5, ControlGains(), 2.0)
     time, position = solution.events['time'], solution.events['position']
     assert len(solution.events) == 8444
     assert set(solution.events['guard']) == {VELOCITY_ZERO}
@@ -289,7 +289,7 @@ def test_fig_5_pd_alone_sticks_inside_the_dead_zone():
 
 def test_fig_1_damping_at_its_upper_bound_is_the_critical_closed_form():
     t = np.linspace(0.0, 3.0, 301)
-    x, v = solve(Axis(x_0=0.5, F_c=0.0, damping=Damping(value=1.5)), PD, 3.0).at(t)
+    x, v = solve(Plant(x_0=0.5, F_c=0.0, damping=Damping(value=1.5)), PD, 3.0).at(t)
     assert x == pytest.approx(0.5 * (1 + 10 * t) * np.exp(-10 * t), rel=1e-12, abs=1e-15)
     assert v == pytest.approx(-50 * t * np.exp(-10 * t), rel=1e-12, abs=1e-14)
 
@@ -302,9 +302,9 @@ amount = st.floats(0.01, 2.0)
 @settings(max_examples=60, deadline=None)
 @given(amount, st.floats(0.05, 3.0), amount, st.floats(0.5, 0.99), st.sampled_from([0.0, 1.0]))
 def test_a_mirrored_start_gives_the_mirrored_motion(x_0, d, m, alpha_ratio, F_c):
-    gains = Controller(m=m, alpha_ratio=alpha_ratio)
+    gains = ControlGains(m=m, alpha_ratio=alpha_ratio)
     sides = [
-        one_jump(Axis(m=m, x_0=x, F_c=F_c, damping=Damping(value=d)), gains, 0.5)
+        one_jump(Plant(m=m, x_0=x, F_c=F_c, damping=Damping(value=d)), gains, 0.5)
         for x in (x_0, -x_0)
     ]
     t = np.linspace(0.0, sides[0].end_time, 50)
@@ -315,8 +315,8 @@ def test_a_mirrored_start_gives_the_mirrored_motion(x_0, d, m, alpha_ratio, F_c)
 @settings(max_examples=60, deadline=None)
 @given(amount, st.floats(0.05, 3.0), st.floats(0.0, 2.0), st.booleans())
 def test_the_position_is_continuous_and_energy_falls_between_the_jumps(x_0, d, F_c, impulses):
-    axis = Axis(x_0=x_0, F_c=F_c, damping=Damping(value=d))
-    solution = one_jump(axis, Controller(impulses=impulses), 0.5, event_limit=200)
+    axis = Plant(x_0=x_0, F_c=F_c, damping=Damping(value=d))
+    solution = one_jump(axis, ControlGains(impulses=impulses), 0.5, event_limit=200)
     arcs = solution.arcs
     for arc, after in zip(arcs, arcs[1:], strict=False):
         t = np.linspace(arc['time'], after['time'], 20)[:-1]
@@ -329,23 +329,25 @@ def test_the_position_is_continuous_and_energy_falls_between_the_jumps(x_0, d, F
 
 def test_a_set_point_shifts_the_motion():
     t = np.linspace(0.0, 0.12, 50)
-    at_zero = solve(FIG_2, Controller(), 1.0)
-    shifted = solve(Axis(x_0=2.5, F_c=0.0, damping=Damping(value=0.15)), Controller(x_r=2.0), 1.0)
+    at_zero = solve(FIG_2, ControlGains(), 1.0)
+    shifted = solve(
+        Plant(x_0=2.5, F_c=0.0, damping=Damping(value=0.15)), ControlGains(x_r=2.0), 1.0
+    )
     assert shifted.at(t)[0] == pytest.approx(2.0 + at_zero.at(t)[0], abs=1e-15)
     assert shifted.events['position'].tolist() == [2.5, 2.0]
 
 
 @pytest.mark.parametrize('split', [0.03, FIRST_ZERO, 0.2, BOUNCE_TIME])
 def test_a_break_between_equal_dampings_changes_nothing(split):
-    whole = one_jump(FIG_2, Controller(), 1.0)
-    parts = one_jump(FIG_2, Controller(), 1.0, breaks=[split], dampings=[0.15, 0.15])
+    whole = one_jump(FIG_2, ControlGains(), 1.0)
+    parts = one_jump(FIG_2, ControlGains(), 1.0, breaks=[split], dampings=[0.15, 0.15])
     t = np.linspace(0.0, 1.0, 101)
     assert np.abs(whole.at(t)[0] - parts.at(t)[0]).max() < 1e-14
     assert whole.events['guard'].tolist() == parts.events['guard'].tolist()
 
 
 def test_an_evaluation_is_right_continuous_whatever_the_order_and_shape_of_the_times():
-    solution = one_jump(FIG_2, Controller(), 1.0)
+    solution = one_jump(FIG_2, ControlGains(), 1.0)
     zero = solution.events['time'][1]
     times = np.array([[0.9, zero, 0.0], [zero, 1.0, 0.3]])
     x, v = solution.at(times)
@@ -367,8 +369,8 @@ def test_an_evaluation_is_right_continuous_whatever_the_order_and_shape_of_the_t
 @example(0.76171875, 0.334476067260463, 1.0, 1e-5, Reading.ONE_JUMP)
 def test_on_a_sampling_grid_it_is_the_same_to_the_last_bits(x_0, d, F_c, time_step, reading):
     solution = solve(
-        Axis(x_0=x_0, F_c=F_c),
-        Controller(x_r=0.05),
+        Plant(x_0=x_0, F_c=F_c),
+        ControlGains(x_r=0.05),
         1.0,
         reading=reading,
         breaks=[0.1, 0.3],
@@ -383,38 +385,38 @@ def test_on_a_sampling_grid_it_is_the_same_to_the_last_bits(x_0, d, F_c, time_st
 
 
 def test_a_sampling_grid_ends_where_the_solution_does():
-    solution = one_jump(FIG_2, Controller(), 0.3)
+    solution = one_jump(FIG_2, ControlGains(), 0.3)
     assert len(solution.sampled(1e-4, 3000)[0]) == 3001  # 3000 * 1e-4 > 0.3
     with pytest.raises(ParameterError, match=r'steps = 3001: must be in \[0, 3000\]'):
         solution.sampled(1e-4, 3001)
     with pytest.raises(ParameterError, match='time_step = 0.0'):
         solution.sampled(0.0, 1)
-    resting = solve(FIG_2, Controller(), 0.3)
+    resting = solve(FIG_2, ControlGains(), 0.3)
     assert resting.sampled(1e-2, 1000)[1][-1] == 0.0
 
 
 def test_half_the_alpha_of_a_reversal_stops_in_the_origin_in_either_reading():
     for reading in Reading:
-        solution = solve(FIG_2, Controller(alpha_ratio=0.5), 1.0, reading=reading)
+        solution = solve(FIG_2, ControlGains(alpha_ratio=0.5), 1.0, reading=reading)
         assert (solution.end, len(solution.events)) == (End.ORIGIN, 2)
 
 
 def test_a_start_at_rest_in_the_set_point_stays():
-    axis = Axis(x_0=1.0, F_c=1.0, damping=Damping(value=0.15))
-    solution = solve(axis, Controller(x_r=1.0), 1.0)
+    axis = Plant(x_0=1.0, F_c=1.0, damping=Damping(value=0.15))
+    solution = solve(axis, ControlGains(x_r=1.0), 1.0)
     assert (solution.end, solution.end_time, len(solution.events)) == (End.ORIGIN, 0.0, 0)
     assert solution.at(50.0) == (1.0, 0.0)
 
 
 def test_a_start_on_the_position_guard_jumps_at_once():
-    axis = Axis(x_0=0.0, v_0=2.0, F_c=0.0, damping=Damping(value=0.15))
-    assert solve(axis, Controller(), 1.0).end_time == 0.0
-    first = one_jump(axis, Controller(), 1.0).events[0].tolist()
+    axis = Plant(x_0=0.0, v_0=2.0, F_c=0.0, damping=Damping(value=0.15))
+    assert solve(axis, ControlGains(), 1.0).end_time == 0.0
+    first = one_jump(axis, ControlGains(), 1.0).events[0].tolist()
     assert first == (0.0, POSITION_ZERO, 0.0, 2.0, pytest.approx(-0.4))
 
 
 def test_a_mass_taken_much_too_large_makes_the_strict_jumps_endless_and_the_bounce_grow():
-    heavy = Controller(m=0.34, alpha_ratio=0.6)
+    heavy = ControlGains(m=0.34, alpha_ratio=0.6)
     assert solve(FIG_2, heavy, 1.0).end is End.ENDLESS_JUMPS
     speeds = np.abs(one_jump(FIG_2, heavy, 2.0).events['velocity_after'][1::2])
     assert np.all(np.diff(speeds) > 0.0)
@@ -425,8 +427,8 @@ def test_a_mass_taken_much_too_large_makes_the_strict_jumps_endless_and_the_boun
 
 
 def test_a_limit_of_events_ends_the_solution_and_says_so():
-    solution = solve(FIG_5, Controller(), 2.0, event_limit=100)
-    whole = solve(FIG_5, Controller(), 2.0)
+    solution = solve(FIG_5, ControlGains(), 2.0, event_limit=100)
+    whole = solve(FIG_5, ControlGains(), 2.0)
     assert solution.end is End.EVENT_LIMIT
     assert solution.events.tolist() == whole.events[:100].tolist()
     assert solution.end_time == whole.events['time'][100]
@@ -435,11 +437,11 @@ def test_a_limit_of_events_ends_the_solution_and_says_so():
 
 
 def test_the_limits_of_the_sampled_controller_do_not_apply():
-    sampled = Controller(
+    sampled = ControlGains(
         effort_limit=1.0, position_deadband=1.0, velocity_deadband=9.0, hold_off=9, time_step=1e-3
     )
     assert solve(FIG_2, sampled, 1.0).events.tolist() == (
-        solve(FIG_2, Controller(), 1.0).events.tolist()
+        solve(FIG_2, ControlGains(), 1.0).events.tolist()
     )
 
 
@@ -453,12 +455,12 @@ def test_the_limits_of_the_sampled_controller_do_not_apply():
         ({'breaks': [0.0], 'dampings': [1, 1]}, r'breaks = \[0\.0\].*> 0 \[s\]'),
         ({'breaks': [0.1]}, r'dampings = \(1,\).*shape \(2,\)'),
         ({'dampings': [0.0]}, r'dampings = 0\.0: must be > 0 and finite \[N s/m\]'),
-        ({'axis': Axis(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
+        ({'axis': Plant(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
     ],
 )
 def test_what_makes_no_motion_is_refused(options, said):
     with pytest.raises(ParameterError, match=said):
-        solve(**{'axis': FIG_2, 'controller': Controller(), 'duration': 1.0} | options)
+        solve(**{'axis': FIG_2, 'controller': ControlGains(), 'duration': 1.0} | options)
 
 
 # The sampled loop tends to it.
@@ -468,8 +470,8 @@ def sampled_error(step, reading, hold_off):
     """Return max abs(x - x_exact) [m]; the dampings shift the zero within its sample."""
     errors = []
     for d in np.linspace(0.1, 0.2, 11):
-        axis = Axis(x_0=0.5, F_c=0.0, time_step=step, damping=Damping(value=float(d)))
-        gains = Controller(time_step=step, hold_off=hold_off)
+        axis = Plant(x_0=0.5, F_c=0.0, time_step=step, damping=Damping(value=float(d)))
+        gains = ControlGains(time_step=step, hold_off=hold_off)
         run = simulate(axis, gains, 0.3)
         exact, _ = solve(axis, gains, 0.3, reading=reading).at(run.time.clip(max=0.3))
         errors.append(np.abs(run.position - exact).max())
@@ -490,8 +492,8 @@ def test_the_sampled_loop_does_not_converge_to_the_other_reading(reading, hold_o
 
 
 def test_under_varying_damping_the_sampled_loop_converges_too():
-    axis = Axis(x_0=0.5, F_c=0.0, damping=Damping(kind='sinusoidal'))
-    run = simulate(axis, Controller(), 0.5)
-    solution = solve(axis, Controller(), 0.5, breaks=run.time[1:-1], dampings=run.damping)
+    axis = Plant(x_0=0.5, F_c=0.0, damping=Damping(kind='sinusoidal'))
+    run = simulate(axis, ControlGains(), 0.5)
+    solution = solve(axis, ControlGains(), 0.5, breaks=run.time[1:-1], dampings=run.damping)
     assert solution.end is End.ORIGIN
     assert np.abs(run.position - solution.at(run.time.clip(max=0.5))[0]).max() < 5e-4

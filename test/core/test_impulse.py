@@ -8,7 +8,7 @@ from impulse_control_ros.core.careful import control_carefully, fresh_watch, pac
 from impulse_control_ros.core.impulse import (
     ANSWER,
     answered,
-    Controller,
+    ControlGains,
     fresh,
     fresh_memory,
     NO_IMPULSE,
@@ -28,7 +28,7 @@ def answers(samples, gains=None):
     Both forms of the law do, and say the same to the last bit.
     """
     plain, memory, watch, answer = fresh(), fresh_memory(), fresh_watch(), np.zeros(1, ANSWER)
-    given_answers, changes = [], [gains or Controller()]
+    given_answers, changes = [], [gains or ControlGains()]
     for position, velocity, *change in samples:
         changes += change
         if changes:
@@ -53,7 +53,7 @@ def pd(position, velocity, x_r=0.0):
 def test_a_position_zero_gives_minus_two_alpha_against_the_motion(side, direction, ratio):
     velocity = direction * 3.0
     given_answers = answers(
-        [(side * 1e-3, velocity), (-side * 1e-3, velocity)], Controller(alpha_ratio=ratio)
+        [(side * 1e-3, velocity), (-side * 1e-3, velocity)], ControlGains(alpha_ratio=ratio)
     )
     assert list(given_answers['guard']) == [NO_IMPULSE, POSITION_ZERO]
     assert given_answers['area'][1] == pytest.approx(-2 * ratio * M * 3.0 * direction)
@@ -66,7 +66,7 @@ def test_a_position_zero_gives_minus_two_alpha_against_the_motion(side, directio
 @pytest.mark.parametrize(('before', 'after'), [(1.0, -1.0), (-1.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
 @pytest.mark.parametrize('c', [1.0, 2.0])
 def test_a_velocity_zero_gives_minus_two_beta_towards_the_set_point(side, before, after, c):
-    given_answers = answers([(side * 0.2, before), (side * 0.2, after)], Controller(c=c))
+    given_answers = answers([(side * 0.2, before), (side * 0.2, after)], ControlGains(c=c))
     assert list(given_answers['guard']) == [NO_IMPULSE, VELOCITY_ZERO]
     assert given_answers['area'][1] == pytest.approx(-2.0 * side * 0.2 * D_BAR / (2 * c))
 
@@ -74,7 +74,7 @@ def test_a_velocity_zero_gives_minus_two_beta_towards_the_set_point(side, before
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 @pytest.mark.parametrize('c', [1.0, 2.0])
 def test_a_stick_gives_minus_one_beta_at_every_sample(side, c):
-    given_answers = answers([(side * 0.05, side), *[(side * 0.05, 0.0)] * 4], Controller(c=c))
+    given_answers = answers([(side * 0.05, side), *[(side * 0.05, 0.0)] * 4], ControlGains(c=c))
     assert list(given_answers['guard']) == [NO_IMPULSE, VELOCITY_ZERO, *[STICKING] * 3]
     assert given_answers['area'][2:] == pytest.approx(-side * 0.05 * D_BAR / (2 * c))
 
@@ -120,12 +120,12 @@ def test_a_jump_of_our_own_is_no_velocity_zero():
 
 
 def test_a_set_point_jump_over_the_position_is_no_position_zero():
-    given_answers = answers([(0.25, -4.0), (0.2496, -4.0, Controller(x_r=0.3)), (0.2492, -4.0)])
+    given_answers = answers([(0.25, -4.0), (0.2496, -4.0, ControlGains(x_r=0.3)), (0.2492, -4.0)])
     assert list(given_answers['guard']) == [NO_IMPULSE] * 3
 
 
 def test_a_set_point_jump_at_rest_acts_like_a_start():
-    given_answers = answers([(0.0, 0.0), (0.0, 1e-47), (0.0, 1e-47, Controller(x_r=0.3))])
+    given_answers = answers([(0.0, 0.0), (0.0, 1e-47), (0.0, 1e-47, ControlGains(x_r=0.3))])
     assert list(given_answers['guard']) == [NO_IMPULSE, NO_IMPULSE, VELOCITY_ZERO]
     assert given_answers['area'][2] == pytest.approx(0.3 * D_BAR / 2)
 
@@ -134,13 +134,13 @@ def test_a_set_point_jump_at_rest_acts_like_a_start():
 def test_a_set_point_ramp_is_crossed_once(offset, first):
     step = 2.0**-12  # sums of it are exact; the error grows by half of it at each sample
     ramp = [
-        (step * (k + offset / 2), 1.0, Controller(x_r=step * (5 + 0.5 * k))) for k in range(15)
+        (step * (k + offset / 2), 1.0, ControlGains(x_r=step * (5 + 0.5 * k))) for k in range(15)
     ]
     assert list(np.flatnonzero(answers(ramp)['guard'])) == [first]
 
 
 def test_inside_the_dead_bands_there_is_no_impulse():
-    gains = Controller(position_deadband=1e-3, velocity_deadband=0.05)
+    gains = ControlGains(position_deadband=1e-3, velocity_deadband=0.05)
     wiggle = [((-1) ** k * 9e-4, (-1) ** (k // 2) * 0.04) for k in range(40)]
     assert not answers(wiggle, gains)['guard'].any()
     assert answers([(1e-3, 1.0), (-1e-3, 0.06)], gains)['guard'][1] == POSITION_ZERO
@@ -150,14 +150,14 @@ def test_inside_the_dead_bands_there_is_no_impulse():
 @pytest.mark.parametrize('hold_off', [0, 1, 5])
 def test_no_impulse_starts_for_hold_off_samples_after_a_position_zero(hold_off):
     zigzag = [((-1) ** k * 1e-3, 2.0) for k in range(60)]
-    fired = np.flatnonzero(answers(zigzag, Controller(hold_off=hold_off))['guard'])
+    fired = np.flatnonzero(answers(zigzag, ControlGains(hold_off=hold_off))['guard'])
     assert len(fired) > 5
     assert np.diff(fired).min() == hold_off + 1
 
 
 def test_without_impulses_the_law_is_pd_to_the_last_bit():
     samples = [((-1) ** k * 0.1, 2.0 - 0.5 * k) for k in range(12)]
-    given_answers = answers(samples, Controller(impulses=False))
+    given_answers = answers(samples, ControlGains(impulses=False))
     assert list(given_answers['effort']) == [K * (0.0 - x) - D * v for x, v in samples]
     assert not given_answers['guard'].any()
 
@@ -165,7 +165,7 @@ def test_without_impulses_the_law_is_pd_to_the_last_bit():
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 @pytest.mark.parametrize('wrong', [-1e4, 1e4])
 def test_the_area_of_one_wrong_sample_does_not_drive_the_axis_away(side, wrong):
-    limited = Controller(effort_limit=20.0)
+    limited = ControlGains(effort_limit=20.0)
     away = [(k * 1e-4 * side, side) for k in (-2, -1, 1)]
     given_answers = answers(
         [*away[:2], (away[2][0], wrong), *[(2e-4 * side, side)] * 2, *[(-2e-4 * side, -side)] * 2],
@@ -184,7 +184,7 @@ def test_the_area_of_one_wrong_sample_does_not_drive_the_axis_away(side, wrong):
     st.floats(10.0, 100.0),
 )
 def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limit):
-    gains = Controller(effort_limit=limit)
+    gains = ControlGains(effort_limit=limit)
     # At rest in the set-point nothing new fires, and what waits can leave.
     owed = np.abs(answers(samples, gains)['area']).sum()
     rest = [(0.0, 0.0)] * (2 + int(owed / (limit * STEP)))
@@ -200,15 +200,15 @@ def test_an_effort_limit_holds_and_keeps_the_area_of_every_impulse(samples, limi
 
 
 def test_impulses_switched_off_leave_nothing_of_one_that_waits():
-    limited = Controller(effort_limit=20.0)
-    off = Controller(effort_limit=20.0, impulses=False)
+    limited = ControlGains(effort_limit=20.0)
+    off = ControlGains(effort_limit=20.0, impulses=False)
     given_answers = answers([(0.5, 0.0, limited), (0.5, 0.0, off), (0.5, -1.0, limited)])
     assert list(given_answers['effort'][1:]) == [pd(0.5, 0.0), pd(0.5, -1.0)]
 
 
 def test_while_an_impulse_waits_the_velocity_guards_rest():
     given_answers = answers(
-        [(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)], Controller(effort_limit=20.0)
+        [(0.5, 0.0), (0.5, 0.0), (0.5, -0.01), (0.5, 0.01)], ControlGains(effort_limit=20.0)
     )
     assert list(given_answers['guard']) == [VELOCITY_ZERO, NO_IMPULSE, NO_IMPULSE, NO_IMPULSE]
 

@@ -10,7 +10,7 @@ import pytest
 from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
 from impulse_control_ros.core.impulse import (
     ANSWER,
-    Controller,
+    ControlGains,
     fresh_memory,
     NO_IMPULSE,
     POSITION_ZERO,
@@ -39,12 +39,12 @@ class Law(RuleBasedStateMachine):
                 'alpha_ratio': st.floats(0.5, 0.99),
                 'effort_limit': st.sampled_from([0.0, 0.5, 20.0]),
                 'hold_off': st.integers(0, 3),
-                'lead': st.sampled_from([0.0, 0.5, 1.0]),
+                'guard_lookahead': st.sampled_from([0.0, 0.5, 1.0]),
                 'position_deadband': bands,
                 'velocity_deadband': bands,
                 'position_hysteresis': bands,
                 'velocity_hysteresis': bands,
-                'stick_samples': st.integers(1, 4),
+                'stiction_wait_samples': st.integers(1, 4),
                 'K_i': st.sampled_from([0.0, 5.0]),
                 'velocity_source': st.sampled_from(['measured', 'estimated']),
             }
@@ -64,7 +64,7 @@ class Law(RuleBasedStateMachine):
 
     def set(self, **changed):
         self.values |= changed
-        self.gains = Controller(**self.values)
+        self.gains = ControlGains(**self.values)
         self.packed, self.care = self.gains.packed(), packed_care(self.gains.flat(), 1)
 
     @rule(x_r=signed)
@@ -116,7 +116,7 @@ class Law(RuleBasedStateMachine):
     def judge(self, position, velocity, x_r):
         """One impulse for one event, of the area and the energy that the law says."""
         gains, error = self.gains, position - x_r
-        lead = gains.lead * DT
+        lead = gains.guard_lookahead * DT
         ahead, speed, stood = position + lead * velocity - x_r, abs(velocity), not self.direction
         moves = speed > gains.velocity_deadband + gains.velocity_hysteresis or (
             speed > gains.velocity_deadband and np.sign(velocity) == self.direction
@@ -137,7 +137,7 @@ class Law(RuleBasedStateMachine):
         else:
             assert abs(error) > gains.position_deadband
             if not direction and stood and self.before:
-                assert self.since_impulse >= gains.stick_samples
+                assert self.since_impulse >= gains.stiction_wait_samples
             if self.guard == STICKING:
                 assert not direction
                 assert stood

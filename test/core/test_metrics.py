@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.impulse import Controller, GUARDS
+from impulse_control_ros.core.impulse import ControlGains, GUARDS
 from impulse_control_ros.core.metrics import (
     COUNTS,
     figures,
@@ -17,6 +16,7 @@ from impulse_control_ros.core.metrics import (
     stuck,
     work,
 )
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 
 TIME = np.arange(6) * 0.5
@@ -70,9 +70,11 @@ def test_the_integrals_are_those_of_the_trapezoidal_rule(rate):
     assert result['ise'] == pytest.approx(np.trapezoid(error**2, time), rel=1e-12)
 
 
-@pytest.mark.parametrize('axis', [Axis(F_c=0.0), Axis(F_c=1.0, x_0=-0.15), Axis(F_c=0.0, v_0=9.0)])
+@pytest.mark.parametrize(
+    'axis', [Plant(F_c=0.0), Plant(F_c=1.0, x_0=-0.15), Plant(F_c=0.0, v_0=9.0)]
+)
 def test_all_figures_at_once_are_the_figures_one_by_one(axis):
-    run, tolerances = simulate(axis, Controller(x_r=0.01), 0.5), (1e-2, 1e-3, 1e-9)
+    run, tolerances = simulate(axis, ControlGains(x_r=0.01), 0.5), (1e-2, 1e-3, 1e-9)
     error = run.position - 0.01
     result = figures(run.time, error, run.velocity, run.effort, run.events, tolerances)[0]
     assert result['settling_time'] == pytest.approx(

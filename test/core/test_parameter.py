@@ -4,36 +4,42 @@ from dataclasses import FrozenInstanceError
 
 import pytest
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.parameter import build, declared, ParameterError
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.parameter import build, declared, ParameterError, RENAMED
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.files.experiment import ControllerParameters
+from impulse_control_ros.files.parameter_rules import given_by
 
 
 @pytest.mark.parametrize(
     ('kind', 'values', 'said'),
     [
-        (Axis, {'m': 0.0}, ['m = 0.0', '> 0', '[kg]']),
-        (Axis, {'m': -1}, ['m = -1.0', '> 0', '[kg]']),
-        (Axis, {'F_c': -1e-9}, ['F_c = -1e-09', '>= 0', '[N]']),
-        (Axis, {'x_0': float('nan')}, ['x_0 = nan', '[-1e+09, 1e+09]', '[m]']),
-        (Axis, {'v_0': float('inf')}, ['v_0 = inf', '[-1e+09, 1e+09]', '[m/s]']),
-        (Axis, {'m': True}, ['m = True', 'a number']),
-        (Axis, {'time_step': 1.23456789e-5}, ['time_step = 1.23456789e-05', 'whole number']),
-        (Axis, {'damping.value': 0.0}, ['damping.value = 0.0', '> 0', '(1)', '[N s/m]']),
-        (Axis, {'damping.kind': 'wavy'}, ["damping.kind = 'wavy'", 'constant, noise, sinusoidal']),
-        (Axis, {'damping.lower': 2.0}, ['damping.lower = 2.0', 'damping.upper = 1.5']),
-        (Axis, {'damping.seed': 1.5}, ['damping.seed = 1.5', 'an integer']),
-        (Axis, {'mass': 1.0}, ['mass = 1.0', 'no such parameter']),
-        (Axis, {'damping.kid': 'noise'}, ['damping.kid', 'is damping.kind meant?']),
-        (Controller, {'alpha_ratio': 1.0}, ['alpha_ratio = 1.0', '[0.5, 1)', '(19)']),
-        (Controller, {'alpha_ratio': 0.4999}, ['alpha_ratio = 0.4999', '[0.5, 1)', '(19)']),
-        (Controller, {'c': 1.5}, ['c = 1.5', 'one of 1.0, 2.0']),
-        (Controller, {'d_bar': 0.0}, ['d_bar = 0.0', '> 0', '[N s/m]']),
-        (Controller, {'K': 'ten'}, ["K = 'ten'", 'a number', '[N/m]']),
-        (Controller, {'impulses': 1}, ['impulses = 1', 'true or false']),
-        (Controller, {'hold_off': -1}, ['hold_off = -1', '>= 0', '[samples]']),
-        (Controller, {'D': None}, ['D = None', 'a number']),
+        (Plant, {'m': 0.0}, ['m = 0.0', '> 0', '[kg]']),
+        (Plant, {'m': -1}, ['m = -1.0', '> 0', '[kg]']),
+        (Plant, {'F_c': -1e-9}, ['F_c = -1e-09', '>= 0', '[N]']),
+        (Plant, {'x_0': float('nan')}, ['x_0 = nan', '[-1e+09, 1e+09]', '[m]']),
+        (Plant, {'v_0': float('inf')}, ['v_0 = inf', '[-1e+09, 1e+09]', '[m/s]']),
+        (Plant, {'m': True}, ['m = True', 'a number']),
+        (Plant, {'time_step': 1.23456789e-5}, ['time_step = 1.23456789e-05', 'whole number']),
+        (Plant, {'damping.value': 0.0}, ['damping.value = 0.0', '> 0', '(1)', '[N s/m]']),
+        (
+            Plant,
+            {'damping.kind': 'wavy'},
+            ["damping.kind = 'wavy'", 'constant, noise, sinusoidal'],
+        ),
+        (Plant, {'damping.lower': 2.0}, ['damping.lower = 2.0', 'damping.upper = 1.5']),
+        (Plant, {'damping.seed': 1.5}, ['damping.seed = 1.5', 'an integer']),
+        (Plant, {'mass': 1.0}, ['mass = 1.0', 'no such parameter']),
+        (Plant, {'damping.kid': 'noise'}, ['damping.kid', 'is damping.kind meant?']),
+        (ControlGains, {'alpha_ratio': 1.0}, ['alpha_ratio = 1.0', '[0.5, 1)', '(19)']),
+        (ControlGains, {'alpha_ratio': 0.4999}, ['alpha_ratio = 0.4999', '[0.5, 1)', '(19)']),
+        (ControlGains, {'c': 1.5}, ['c = 1.5', 'one of 1.0, 2.0']),
+        (ControlGains, {'d_bar': 0.0}, ['d_bar = 0.0', '> 0', '[N s/m]']),
+        (ControlGains, {'K': 'ten'}, ["K = 'ten'", 'a number', '[N/m]']),
+        (ControlGains, {'impulses': 1}, ['impulses = 1', 'true or false']),
+        (ControlGains, {'hold_off': -1}, ['hold_off = -1', '>= 0', '[samples]']),
+        (ControlGains, {'D': None}, ['D = None', 'a number']),
     ],
 )
 def test_a_refusal_names_the_parameter_its_value_and_what_is_allowed(kind, values, said):
@@ -45,29 +51,38 @@ def test_a_refusal_names_the_parameter_its_value_and_what_is_allowed(kind, value
 
 
 def test_an_integer_given_for_a_float_is_taken_as_a_float():
-    gains = build(Controller, {'K': 12, 'c': 1})
+    gains = build(ControlGains, {'K': 12, 'c': 1})
     assert (gains.K, type(gains.K), gains.c, type(gains.c)) == (12.0, float, 1.0, float)
 
 
 @pytest.mark.parametrize('ratio', [0.5, 0.75, 0.9999999999999999])
 def test_the_bounds_of_alpha_are_half_open(ratio):
-    assert Controller(alpha_ratio=ratio).alpha_ratio == ratio
+    assert ControlGains(alpha_ratio=ratio).alpha_ratio == ratio
 
 
 def test_a_set_is_frozen():
     with pytest.raises(FrozenInstanceError):
-        Axis().m = 2.0
+        Plant().m = 2.0
 
 
 def test_flat_and_build_are_inverse_to_each_other():
-    axis = Axis(m=0.25, damping=Damping(kind='noise', seed=7))
+    axis = Plant(m=0.25, damping=Damping(kind='noise', seed=7))
     assert axis.flat()['damping.seed'] == 7
-    assert build(Axis, axis.flat()) == axis
+    assert build(Plant, axis.flat()) == axis
 
 
 def test_every_parameter_has_a_description_and_every_quantity_a_unit():
     dimensionless = {'c', 'alpha_ratio'}
-    for kind in (Axis, Controller):
+    for kind in (Plant, ControlGains):
         for name, default, spec in declared(kind):
             assert spec.description
             assert spec.unit or not isinstance(default, float) or name in dimensionless
+
+
+@pytest.mark.parametrize(('old', 'new'), RENAMED.items())
+def test_a_former_name_is_refused_with_the_present_one(old, new):
+    with pytest.raises(ParameterError, match=f'{old} = 1: .*its name is now {new}$'):
+        build(ControllerParameters, {old: 1})
+    with pytest.raises(ParameterError, match=f'-p {old}:=1: .*its name is now {new}$'):
+        given_by(f'{old}:=1')
+    assert new in ControllerParameters().flat()

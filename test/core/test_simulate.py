@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis, DivergedError
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller, POSITION_ZERO, VELOCITY_ZERO
+from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import first_position_zero, overshoot, settling_time
 from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.core.plant import DivergedError, Plant
 from impulse_control_ros.core.simulate import simulate
 
-PD = Controller(impulses=False)
+PD = ControlGains(impulses=False)
 FIRST_ZERO = 0.12143680500356
 FIRST_ZERO_SPEED = 3.49358568945
 
@@ -22,14 +22,14 @@ def peaks(position):
 
 
 def test_fig_1_damping_at_its_upper_bound_does_not_overshoot():
-    run = simulate(Axis(F_c=0.0, damping=Damping(value=1.5)), PD, 3.0)
+    run = simulate(Plant(F_c=0.0, damping=Damping(value=1.5)), PD, 3.0)
     assert overshoot(run.position) == 0.0
     critical = 0.5 * (1 + 10 * run.time) * np.exp(-10 * run.time)
     assert np.abs(run.position - critical).max() < 6e-4  # zero-order hold of PD: one sample late
 
 
 def test_fig_1_damping_at_its_lower_bound_oscillates():
-    run = simulate(Axis(F_c=0.0), PD, 3.0)
+    run = simulate(Plant(F_c=0.0), PD, 3.0)
     assert len([peak for peak in peaks(run.position) if peak > 0.01 * 0.5]) >= 4
     assert overshoot(run.position) == pytest.approx(0.170, abs=1e-3)
 
@@ -40,7 +40,7 @@ def test_fig_1_damping_at_its_lower_bound_oscillates():
     ids=lambda damping: damping.kind,
 )
 def test_figs_2_and_4_the_origin_is_reached_within_5_ms_of_the_first_zero(damping):
-    run = simulate(Axis(F_c=0.0, damping=damping), Controller(), 2.0)
+    run = simulate(Plant(F_c=0.0, damping=damping), ControlGains(), 2.0)
     zero = run.time[first_position_zero(run.position)]
     assert settling_time(run.time, run.position, 1e-3) < zero + 5e-3
     late = run.time > zero + 5e-3
@@ -51,7 +51,7 @@ def test_figs_2_and_4_the_origin_is_reached_within_5_ms_of_the_first_zero(dampin
 def test_fig_2_the_first_zero_converges_at_first_order_to_that_of_the_exact_flow():
     errors = []
     for step in (1e-3, 1e-4, 1e-5):
-        run = simulate(Axis(F_c=0.0, time_step=step), Controller(time_step=step), 0.2)
+        run = simulate(Plant(F_c=0.0, time_step=step), ControlGains(time_step=step), 0.2)
         at = first_position_zero(run.position)
         x, v = run.position[at - 1], run.velocity[at - 1]
         errors.append(abs(run.time[at - 1] + x / abs(v) - FIRST_ZERO))
@@ -61,7 +61,7 @@ def test_fig_2_the_first_zero_converges_at_first_order_to_that_of_the_exact_flow
 
 
 def test_with_hold_off_the_axis_bounces():
-    run = simulate(Axis(F_c=0.0), Controller(hold_off=10), 1.0)
+    run = simulate(Plant(F_c=0.0), ControlGains(hold_off=10), 1.0)
     after = run.position[first_position_zero(run.position) :]
     assert after.max() == pytest.approx(0.0456, abs=3e-4)
     guards = run.events['guard']
@@ -69,7 +69,7 @@ def test_with_hold_off_the_axis_bounces():
 
 
 def test_fig_5_pd_alone_sticks_inside_the_dead_zone():
-    run = simulate(Axis(F_c=1.0, x_0=0.15), PD, 2.0)
+    run = simulate(Plant(F_c=1.0, x_0=0.15), PD, 2.0)
     assert run.velocity[-1] == 0.0
     assert run.position[-1] == pytest.approx(0.0830, abs=2e-4)
     assert run.position[-1] < 1.0 / PD.K
@@ -77,21 +77,21 @@ def test_fig_5_pd_alone_sticks_inside_the_dead_zone():
 
 @pytest.mark.parametrize('step', [1e-3, 1e-4])
 def test_fig_5_with_impulses_the_error_falls_to_the_sampled_floor(step):
-    run = simulate(Axis(F_c=1.0, x_0=0.15, time_step=step), Controller(time_step=step), 5.0)
+    run = simulate(Plant(F_c=1.0, x_0=0.15, time_step=step), ControlGains(time_step=step), 5.0)
     floor = 2 * 1.0 * step / 1.5
     assert 0.5 * floor < run.position[-1] < 1.01 * floor
     assert np.min(run.position) > 0.0
 
 
 def test_the_first_half_of_a_run_is_the_run_of_half_the_duration():
-    axis, controller = Axis(F_c=0.5, damping=Damping(kind='noise')), Controller()
+    axis, controller = Plant(F_c=0.5, damping=Damping(kind='noise')), ControlGains()
     whole, half = simulate(axis, controller, 1.0), simulate(axis, controller, 0.5)
     assert whole.position[:5001].tobytes() == half.position.tobytes()
     assert whole.effort[:5001].tobytes() == half.effort.tobytes()
 
 
 def test_the_arrays_have_the_documented_shapes():
-    run = simulate(Axis(F_c=0.0), Controller(), 0.01)
+    run = simulate(Plant(F_c=0.0), ControlGains(), 0.01)
     assert [
         run.time.shape,
         run.position.shape,
@@ -105,15 +105,15 @@ def test_the_arrays_have_the_documented_shapes():
 
 def test_a_controller_with_another_time_step_is_refused():
     with pytest.raises(ParameterError, match='time_step = 0.001'):
-        simulate(Axis(), Controller(time_step=1e-3), 1.0)
+        simulate(Plant(), ControlGains(time_step=1e-3), 1.0)
 
 
 def test_a_loop_that_diverges_says_when_and_returns_nothing():
     with pytest.raises(DivergedError, match=r'at 0\.\d+ s position = .* both must be < 1e\+100'):
-        simulate(Axis(), Controller(K=1e9, impulses=False), 1.0)
+        simulate(Plant(), ControlGains(K=1e9, impulses=False), 1.0)
 
 
 @pytest.mark.parametrize('duration', [0.0, -1.0])
 def test_a_run_without_a_step_is_refused(duration):
     with pytest.raises(ParameterError, match=f'duration = {duration}'):
-        simulate(Axis(), Controller(), duration)
+        simulate(Plant(), ControlGains(), duration)

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import axis_step
+from impulse_control_ros.core.plant import axis_step
 from impulse_control_ros.core.stribeck import stribeck_step
 
 M, F_C, F_S, FAST = 0.1, 1.0, 1.6, 0.02

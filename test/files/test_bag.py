@@ -17,8 +17,8 @@ import yaml
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
 from impulse_control_ros.files.bag import BagWriter, PACKAGE, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.mcap_chunk import CHUNK_SIZE
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
@@ -188,7 +188,7 @@ def test_the_metadata_file_is_that_of_jazzy(tmp_path):
 
 def test_what_is_written_is_read(tmp_path):
     writer = begun(tmp_path / 'run', 0)
-    values = {'K': 10.0, 'joint_name': 'axis', 'impulses': True, 'stick_samples': 3}
+    values = {'K': 10.0, 'joint_name': 'axis', 'impulses': True, 'stiction_wait_samples': 3}
     writer.write([(START, 4, encode_parameter_event(1, 0, f'run:{RUN} {AUTHOR}', values, {}))])
     writer.write(entries(300))
     writer.close({'missing': '0'})
@@ -201,7 +201,7 @@ def test_what_is_written_is_read(tmp_path):
     ]
     assert run.parameters == {'/controller': values}
     assert (run.run, run.version) == (RUN, '1.2.3')
-    assert run.receipt == {'messages': '604', 'missing': '0'}
+    assert run.recording_summary == {'messages': '604', 'missing': '0'}
 
 
 def test_an_existing_folder_is_refused_and_left_alone(tmp_path):
@@ -264,9 +264,9 @@ def test_a_bag_that_does_not_fit_is_finished_with_the_messages_that_do(
         == statistics.message_count
         == content['rosbag2_bagfile_information']['message_count']
     )
-    receipt = read(folder).receipt
-    assert receipt['messages'] == str(len(got))
-    assert (receipt.get('full') == 'File too large') == (len(got) < len(given_messages))
+    recording_summary = read(folder).recording_summary
+    assert recording_summary['messages'] == str(len(got))
+    assert (recording_summary.get('full') == 'File too large') == (len(got) < len(given_messages))
     assert (folder / 'run_0.mcap').stat().st_size > size - 1.2 * CHUNK_SIZE - 200_000 or (
         len(got) == len(given_messages)
     )

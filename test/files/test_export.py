@@ -9,8 +9,8 @@ import pytest
 
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.files.bag import BagWriter
-from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_parquet, UNITS
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read
 from test.files.test_bag import begun, COMMAND, EVENT, STATE
 
@@ -82,7 +82,7 @@ def test_pandas_has_the_same_bits_and_the_parameters(bag, run, table):
     assert isinstance(frame['guard'].dtype, pd.CategoricalDtype)
     assert frame.attrs['parameters'] == run.parameters
     assert frame.attrs['units']['velocity'] == 'm/s'
-    assert frame.attrs['receipt']['missing'] == '0'
+    assert frame.attrs['recording_summary']['missing'] == '0'
     assert (frame.attrs['run'], frame.attrs['lacks']) == (run.run, [])
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in, read_header
-from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.definition import message_definition
+from impulse_control_ros.files.joint_state_arrays import first_joint
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
 )
 from impulse_control_ros.files.recording import read, Recording
-from impulse_control_ros.files.series import first_joint
 from test.files.test_bag import AUTHOR, entries, finished, RUN, START
 
 LAYOUTS = [

@@ -16,7 +16,7 @@ from impulse_control_ros.files.sample_joiner import (
     COMMANDS,
     EVENTS,
     PARAMETERS,
-    Plant,
+    RecordedPlant,
     SampleJoiner,
     STATES,
 )
@@ -25,9 +25,9 @@ STEP, START = 100_000, SECOND
 RUN, OTHER_RUN = '0123abcd', '89abcdef'
 ME, RIVAL = '/controller#0001', '/other#0002'
 DAMPING = 5
-OURS = Plant(RUN, 'axis', STEP, lockstep=True)
-FREE = Plant(RUN, 'axis', STEP, lockstep=False)
-FOREIGN_PLANT = Plant('', 'axis', STEP, lockstep=False)
+OURS = RecordedPlant(RUN, 'axis', STEP, lockstep=True)
+FREE = RecordedPlant(RUN, 'axis', STEP, lockstep=False)
+FOREIGN_PLANT = RecordedPlant('', 'axis', STEP, lockstep=False)
 
 
 def stamp(tick):

@@ -73,7 +73,7 @@ def kill_round(graph, client, victim, rng):
         assert (np.diff(recording.states['stamp']) == STEP).all()
         assert len(recording.states) == round(DURATION / 1e-4) + 1
         assert_replays(run.bag)
-        return int(recording.receipt['missing'])
+        return int(recording.recording_summary['missing'])
     assert_simulated(recording)
     assert_whole(recording)
     again = first.with_name(f'{first.name}-2')
@@ -93,7 +93,7 @@ def assert_joined(recording, killed):
     assert np.array_equal(commands, np.arange(commands[0], last + 1, STEP))
     if killed and (killed / f'{killed.name}_0.mcap').stat().st_size > 100_000:
         assert (np.diff(read(killed).states['stamp']) == STEP).all()
-    return int(recording.receipt['missing'])
+    return int(recording.recording_summary['missing'])
 
 
 def stop_round(graph, client, victim, rng):
@@ -112,7 +112,7 @@ def stop_round(graph, client, victim, rng):
     recording = finish(run)
     assert_whole(recording)
     assert_simulated(recording)
-    return int(recording.receipt['missing'])
+    return int(recording.recording_summary['missing'])
 
 
 def one(kind, *arguments):

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from impulse_control_ros.files.columns import Column, columns
+from impulse_control_ros.files.mcap_reader import Column, columns
 from test.nodes.runs import composed, START, start_as, STEP
 
 SUBSCRIBER = """
@@ -152,7 +152,7 @@ def assert_no_sample_is_lost(bag, seconds):
 
     It has ``seconds`` or more; the last state may have been left without its command.
     """
-    states, commands, receipt = [], [], {}
+    states, commands, recording_summary = [], [], {}
     for item in columns(bag / f'{bag.name}_0.mcap'):
         if isinstance(item, Column):
             if item.topic == '/joint_states':
@@ -160,12 +160,12 @@ def assert_no_sample_is_lost(bag, seconds):
             elif item.topic == '/joint_commands':
                 commands.append(item.stamp)
         elif isinstance(item, Metadata) and item.name == 'recording':
-            receipt = item.metadata
+            recording_summary = item.metadata
     states, commands = np.concatenate(states), np.concatenate(commands)
     assert len(states) > round(seconds / 1e-4)
     grid = START + np.arange(len(states)) * STEP
     assert np.array_equal(states, grid)
     assert np.array_equal(commands, grid[: len(commands)])
     assert len(states) - len(commands) in (0, 1)
-    assert receipt['missing'] == '0', receipt
-    print(f'{len(states)} states, each with its command: {receipt}')
+    assert recording_summary['missing'] == '0', recording_summary
+    print(f'{len(states)} states, each with its command: {recording_summary}')

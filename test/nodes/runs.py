@@ -141,7 +141,7 @@ def assert_whole(run, start=START):
     # the last state of a run that is ended may be left without an answer
     assert np.array_equal(run.commands['stamp'], stamps[: len(run.commands)])
     assert len(stamps) - len(run.commands) in (0, 1)
-    assert run.receipt['missing'] == '0'
+    assert run.recording_summary['missing'] == '0'
 
 
 def assert_simulated(run, config=UNDERDAMPED, **plant):

@@ -46,7 +46,7 @@ def test_a_composed_run_takes_nothing_from_the_graph_and_is_recorded_from_outsid
     assert_simulated(inside)
     assert_replays(graph.folder / 'bag')
     found = read(graph.folder / 'outside')
-    assert found.receipt['missing'] == '0'
+    assert found.recording_summary['missing'] == '0'
     assert found.run == inside.run
     assert stamp_of(states[begun]) in found.states['stamp']
     ours = [one for one in messages(graph.folder / 'bag') if one[0] != '/run_parameters']
@@ -102,7 +102,7 @@ def test_a_loop_that_diverges_ends_with_the_reason_and_a_finished_bag(graph):
     assert 'diverged' in process.output
     assert 'Traceback' not in process.output
     run = read(graph.folder / 'bag')
-    assert run.receipt['missing'] == '0'
+    assert run.recording_summary['missing'] == '0'
     assert np.isfinite(run.states['position']).all()
 
 
@@ -122,7 +122,7 @@ def test_real_time_factor_holds_simulated_time_to_the_wall_clock(graph):
         graph, **{'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.5}
     )
     assert process.wait() == 0, process.output
-    assert float(read(graph.folder / 'bag').receipt['wall_seconds']) > 0.36
+    assert float(read(graph.folder / 'bag').recording_summary['wall_seconds']) > 0.36
 
 
 def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):

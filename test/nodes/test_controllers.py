@@ -151,7 +151,7 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
         duration=0.5,
         real_time_factor=0.1,
     )
-    controller = graph.start('controller', config=UNDERDAMPED, managed=True)
+    controller = graph.start('controller', config=UNDERDAMPED, lifecycle=True)
     recorder = graph.start('recorder', config=UNDERDAMPED, bag=bag)
     client.spin_until(lambda: len(states) > 3, 'a state that comes again')
     assert len({stamp_of(one) for one in states}) == 1

@@ -30,7 +30,7 @@ def assert_no_state_is_lost(run):
     """Assert what holds after a kill: the bag may lack what the victim had just sent."""
     assert (np.diff(run.states['stamp']) == STEP).all()
     answered = len(np.unique(run.commands['stamp']))
-    assert int(run.receipt['missing']) in (
+    assert int(run.recording_summary['missing']) in (
         len(run.states) - answered,
         len(run.states) - 1 - answered,
     )
@@ -103,7 +103,7 @@ def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_noth
     run.recorder.kill()
     run.reach(2000)  # more than the plant may be ahead of it
     killed = read(run.bag)
-    assert killed.receipt == {}
+    assert killed.recording_summary == {}
     assert (np.diff(killed.states['stamp']) == STEP).all()
     assert whole_messages(run.bag) >= 2 * len(killed.states) > 1000
     client.reported('plant_simulator', recorders=0)
@@ -145,11 +145,11 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(g
     run.reach(1000)
     assert run.plant.interrupt() == run.controller.interrupt() == 0
     recording = read(run.bag)
-    assert recording.receipt['full'] == 'File too large'
+    assert recording.recording_summary['full'] == 'File too large'
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert len(recording.states) > 1_000
     with Reader(run.bag) as reader:
-        assert reader.message_count == int(recording.receipt['messages'])
+        assert reader.message_count == int(recording.recording_summary['messages'])
         assert reader.message_count == sum(1 for _ in reader.messages())
 
 

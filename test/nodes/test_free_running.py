@@ -77,7 +77,7 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
         if topic == '/joint_commands'
     ]
     assert {one.effort[0] for one in recorded} == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
-    assert read(graph.folder / 'bag').receipt['missing'] == '0'
+    assert read(graph.folder / 'bag').recording_summary['missing'] == '0'
     plant.kill()
     plant = graph.start('plant_simulator', **FREE)
     plant.says('running from')
@@ -130,7 +130,7 @@ def test_a_controller_that_is_deactivated_or_ends_leaves_a_free_plant_without_ef
     graph, client
 ):
     plant = graph.start('plant_simulator', **FREE)
-    controller = graph.start('controller', **COARSE, managed=True)
+    controller = graph.start('controller', **COARSE, lifecycle=True)
     states = client.listen('/joint_states', JointState)
     client.activate()
     client.spin_until(lambda: any(efforts(states)), 'efforts')

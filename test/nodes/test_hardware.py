@@ -8,7 +8,7 @@ import yaml
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.recording import read
-from impulse_control_ros.tools.rerun import with_velocities
+from impulse_control_ros.tools.resimulate import with_velocities
 from test.nodes.runs import assert_replays, assert_simulated, assert_whole, composed
 from test.processes import CONFIG
 
@@ -35,10 +35,10 @@ HARDWARE = {
 OPTIONS = {
     'position_deadband': 2e-4,
     'velocity_deadband': 0.12,
-    'lead': 0.5,
+    'guard_lookahead': 0.5,
     'position_hysteresis': 1.5e-4,
     'velocity_hysteresis': 0.02,
-    'stick_samples': 6,
+    'stiction_wait_samples': 6,
     'K_i': 3.0,
 }
 FAST = {'plant_simulator:real_time_factor': 0.0}
@@ -107,7 +107,7 @@ def test_hardware_can_be_changed_in_mid_run_and_replayed_to_the_bit(graph, clien
     ):
         assert client.set('plant_simulator', **change).successful
     assert client.set(
-        'controller', lead=0.5, stick_samples=9, velocity_source='estimated'
+        'controller', guard_lookahead=0.5, stiction_wait_samples=9, velocity_source='estimated'
     ).successful
     refused = client.set('plant_simulator', **{'payload.mass': -1.0})
     assert not refused.successful

@@ -23,7 +23,7 @@ GIVEN = yaml.safe_load(CONFIG.read_text())['/**/controller']['ros__parameters']
 LIMIT, DEADBAND = GIVEN['effort_limit'], GIVEN['position_deadband']
 
 
-class Axis:
+class Plant:
     """The example as it runs, with its recorder and a controller that is active at once."""
 
     def __init__(self, graph, client, **controller):
@@ -37,7 +37,7 @@ class Axis:
         self.recorder = graph.start(
             'recorder', config=CONFIG, bag=self.bag, topics=['/controller/transition_event']
         )
-        self.controller = graph.start('controller', config=CONFIG, managed=True, **controller)
+        self.controller = graph.start('controller', config=CONFIG, lifecycle=True, **controller)
         self.axis = graph.start('python', EXAMPLE / 'axis.py')
         client.spin_until(lambda: len(self._raw) > 100, 'states')
         # the axis waits for nobody: who has discovered the controller can record it
@@ -75,7 +75,7 @@ class Axis:
         for process in (self.recorder, self.controller, self.axis):
             assert process.interrupt() == 0, process.output
         recording = read(self.bag)
-        assert recording.receipt['missing'] == '0'
+        assert recording.recording_summary['missing'] == '0'
         assert (np.diff(recording.states['stamp']) == SECOND // 1000).all()
         assert np.isfinite(recording.commands['effort']).all()
         assert np.abs(recording.commands['effort']).max() <= LIMIT
@@ -88,7 +88,7 @@ class Axis:
 
 
 def test_impulses_bring_a_foreign_axis_into_the_dead_band_and_the_bag_replays(graph, client):
-    axis = Axis(graph, client)
+    axis = Plant(graph, client)
     axis.comes_to_rest(lambda position: abs(position) <= DEADBAND)
     recording = axis.finish()
     assert len(recording.impulses) > 0
@@ -98,7 +98,7 @@ def test_impulses_bring_a_foreign_axis_into_the_dead_band_and_the_bag_replays(gr
 
 
 def test_without_impulses_it_sticks_where_the_spring_is_weaker_than_the_friction(graph, client):
-    axis = Axis(graph, client, impulses=False)
+    axis = Plant(graph, client, impulses=False)
     axis.comes_to_rest(lambda position: position < 0.4)
     recording = axis.finish()
     assert DEADBAND < abs(recording.states['position'][-1]) <= 1.0 / GIVEN['K']
@@ -108,7 +108,7 @@ def test_without_impulses_it_sticks_where_the_spring_is_weaker_than_the_friction
 @pytest.mark.soak  # a first command that the recorder misses makes the replay differ
 def test_a_run_whose_states_stayed_away_for_a_while_replays_to_the_bit(graph, client):
     # without a dead band there are impulses to the end, whose pauses the memory counts
-    axis = Axis(graph, client, position_deadband=0.0)
+    axis = Plant(graph, client, position_deadband=0.0)
     client.spin_until(lambda: client.count_of('controller', 'impulses'), 'impulses')
     axis.axis.send(signal.SIGSTOP)
     axis.controller.says('commanding 0 N')

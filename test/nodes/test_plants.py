@@ -61,7 +61,7 @@ def test_a_second_plant_is_ignored_until_the_first_has_left(graph, client):
     for recording in recordings:
         assert_whole(recording)
         assert_simulated(recording)
-    assert int(recordings[0].receipt['foreign']) > 0
+    assert int(recordings[0].recording_summary['foreign']) > 0
     assert recordings[0].run == first
     assert len(recordings[1].states) == len(recordings[1].commands) == 501
     assert {topic for topic, *_ in messages(run.bag)} == {

@@ -43,7 +43,7 @@ def test_recorders_that_come_late_miss_nothing_from_then_on_and_may_leave(graph,
         since = run.states['stamp'] >= stamp
         assert since.any()
         assert (run.states['stamp'][1:] - run.states['stamp'][:-1] == 100_000).all()
-        assert int(run.receipt['missing']) == 0
+        assert int(run.recording_summary['missing']) == 0
         assert {*run.states['stamp'][since][:-1]} <= {*run.commands['stamp']}
     assert runs[0].states['stamp'][-1] < runs[1].states['stamp'][-1]
 

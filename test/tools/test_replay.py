@@ -8,7 +8,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.protocol import parse_command
 from impulse_control_ros.files.bag import BagWriter, Topic
-from impulse_control_ros.files.columns import Column, columns
+from impulse_control_ros.files.mcap_reader import Column, columns
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.files.topics import FLOAT64, SERIES
 from impulse_control_ros.stop import StopRequest
@@ -145,7 +145,7 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     for how in ('--controller', '--closed-loop'):
         status, said = replay(bag, how)
         assert status == 0, said
-        assert ' 20001 compared, 0 differ' in said or run.receipt['missing'] != '0'
+        assert ' 20001 compared, 0 differ' in said or run.recording_summary['missing'] != '0'
 
 
 def go_on(client, commands):

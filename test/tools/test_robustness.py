@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from impulse_control_ros.files.study_file import read_study
+from impulse_control_ros.files.sweep_config_file import read_study
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.robustness import command
 from impulse_control_ros.tools.robustness.comparison import compared, Comparison

@@ -17,8 +17,8 @@ import yaml
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core import blocks
-from impulse_control_ros.core.axis import DivergedError
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.plant import DivergedError
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import PACKAGE
@@ -321,7 +321,7 @@ def test_a_loop_that_diverges_ends_with_the_samples_before(tmp_path, start):
     assert len(recording.states) == len(recording.commands) > 100
     assert abs(recording.states['position'][-1]) < 1e100 > abs(recording.states['velocity'][-1])
     assert recording.states['stamp'][-1] + STEP == round(seconds * 1e9)
-    assert recording.receipt['messages'] == str(2 + 2 * len(recording.states))
+    assert recording.recording_summary['messages'] == str(2 + 2 * len(recording.states))
 
 
 def test_ctrl_c_leaves_a_finished_bag_with_all_up_to_then(tmp_path, start):
@@ -335,7 +335,7 @@ def test_ctrl_c_leaves_a_finished_bag_with_all_up_to_then(tmp_path, start):
     last = (recording.states['stamp'][-1] - recording.states['stamp'][0]) / 1e9
     assert process.output == (
         f'simulate: interrupted at {last:g} s; the bag is finished with its '
-        f'first {recording.receipt["messages"]} messages\n'
+        f'first {recording.recording_summary["messages"]} messages\n'
     )
 
 

@@ -6,7 +6,7 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 
-from impulse_control_ros.files.study_file import read_study
+from impulse_control_ros.files.sweep_config_file import read_study
 from test.conftest import BIN, CONFIG, Process, wait_for
 
 # 42 chunks of some hundredths of a second of a core

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.law import law_of
-from impulse_control_ros.core.study import Extent, run_chunk, Study
+from impulse_control_ros.core.distributions import distribution_of
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.sweep_config import Extent, run_chunk, SweepConfig
 from impulse_control_ros.tools.sweep_pictures import picture, save_pictures, span
 from impulse_control_ros.tools.sweep_summary import quantiles, summary
 
@@ -38,11 +38,11 @@ STUDIES = {
 def run(name, duration=0.3):
     """Return a study of `STUDIES` and its columns."""
     vary, runs = STUDIES[name]
-    study = Study(
-        axis=Axis(damping=Damping(upper=1.5)),
-        controller=Controller(),
+    study = SweepConfig(
+        axis=Plant(damping=Damping(upper=1.5)),
+        controller=ControlGains(),
         extent=Extent(runs=runs, duration=duration),
-        vary={key: law_of(key, law) for key, law in vary.items()},
+        vary={key: distribution_of(key, law) for key, law in vary.items()},
     )
     chunks = [run_chunk(study, number) for number in range(study.chunks)]
     return study, lambda column: np.concatenate([chunk[column] for chunk in chunks])

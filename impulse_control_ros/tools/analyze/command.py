@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
-from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.tools.arguments import Parser, RUN_HELP, UsageError
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     """
     import numpy as np
 
-    from impulse_control_ros.files.columns import BagError
+    from impulse_control_ros.files.mcap_reader import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.analyze.run import Run, settings_of
 
@@ -132,7 +132,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
                 f'{bag}: there are {len(recording.states)} states in it; 2 with '
                 'different stamps are needed'
             )
-        missing = int(recording.receipt.get('missing', 0))
+        missing = int(recording.recording_summary.get('missing', 0))
         if recording.lacks:
             warn(f'{bag}: incomplete: {"; ".join(recording.lacks)}')
         elif missing:

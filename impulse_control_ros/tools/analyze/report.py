@@ -97,7 +97,7 @@ def facts_of(run: Run) -> dict[str, Any]:
                 ('bag', str(run.path)),
                 ('recorded by', f'impulse_control_ros {recording.version}'),
                 ('first state at', f'{stamps[0] / SECOND:.9f} s'),
-                *recording.receipt.items(),
+                *recording.recording_summary.items(),
                 *([('end', cut)] if cut else []),
             ]
         ),

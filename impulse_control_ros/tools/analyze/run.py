@@ -26,7 +26,7 @@ import numpy as np
 from impulse_control_ros.core.metrics import impulsive
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import Recording
-from impulse_control_ros.tools.rerun import with_velocities
+from impulse_control_ros.tools.resimulate import with_velocities
 
 NO_GAINS = {'x_r': 0.0, 'K': 0.0, 'D': 0.0, 'effort_limit': 0.0}
 

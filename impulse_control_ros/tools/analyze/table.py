@@ -20,7 +20,7 @@ from impulse_control_ros.core.metrics import (
     stuck,
     work,
 )
-from impulse_control_ros.core.study import MEASURES, settling, title
+from impulse_control_ros.core.sweep_config import MEASURES, settling, title
 from impulse_control_ros.tools.analyze.run import Run
 
 Figure = float | int

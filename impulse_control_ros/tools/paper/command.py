@@ -14,7 +14,7 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from impulse_control_ros.files.replaced import replaced
+from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.tools.arguments import Parser, UsageError
 
 if TYPE_CHECKING:

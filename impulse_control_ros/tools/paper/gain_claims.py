@@ -12,7 +12,7 @@ import numpy as np
 
 from impulse_control_ros.core.design import critical_damping
 from impulse_control_ros.core.hybrid import End, Reading, Solution, solve
-from impulse_control_ros.core.impulse import Controller, POSITION_ZERO, VELOCITY_ZERO
+from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import peak, settling_time
 from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.tools.paper.claim import Claim, Measured
@@ -271,7 +271,7 @@ def least_start(coulomb: Case) -> float:
 
 def weight_of_one(case: Case, coulomb: Case) -> Claim:
     """After (26): c = 1 can be used throughout."""
-    one: Controller = replace(case.gains, c=1.0)
+    one: ControlGains = replace(case.gains, c=1.0)
     jump = solve(case.axis, one, SECONDS).events['velocity_after'][0]
     wanted = case.strict.events['velocity_after'][0]
     axis = replace(coulomb.axis, x_0=0.04)

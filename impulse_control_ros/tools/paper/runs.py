@@ -8,12 +8,12 @@ where the paper can be read in two ways it is solved exactly in both (`solve`).
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import Run, simulate
+from impulse_control_ros.files.package_share import shipped_experiment
 from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.shipped import shipped_experiment
 
 SECONDS = 2.0  # as long as the paper's figures need
 FRICTION_SECONDS = 3.0  # until Fig. 5 shows the sampled floor
@@ -25,8 +25,8 @@ STEPS = (1e-3, 1e-4, 1e-5)  # time steps [s] that show the sampled floor of Fig.
 class Case:
     """One experiment in three ways: sampled, read strictly, and with one jump a crossing."""
 
-    axis: Axis
-    gains: Controller
+    axis: Plant
+    gains: ControlGains
     run: Run
     strict: Solution
     one_jump: Solution
@@ -52,7 +52,7 @@ class Runs:
     steps: Mapping[float, Run]
 
 
-def case(axis: Axis, gains: Controller, seconds: float = SECONDS) -> Case:
+def case(axis: Plant, gains: ControlGains, seconds: float = SECONDS) -> Case:
     """Run and solve one case; the exact solution has the damping of the sampled one."""
     run = simulate(axis, gains, seconds)
     varies = axis.damping.kind != 'constant'
@@ -65,7 +65,7 @@ def case(axis: Axis, gains: Controller, seconds: float = SECONDS) -> Case:
     return Case(axis=axis, gains=gains, run=run, strict=strict, one_jump=one_jump)
 
 
-def with_step(axis: Axis, gains: Controller, time_step: float, seconds: float) -> Run:
+def with_step(axis: Plant, gains: ControlGains, time_step: float, seconds: float) -> Run:
     """Run the sampled loop with another time step [s]."""
     return simulate(
         replace(axis, time_step=time_step), replace(gains, time_step=time_step), seconds

@@ -13,9 +13,9 @@ from matplotlib import rc_context
 import numpy as np
 
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.study import Study, units
-from impulse_control_ros.files.replaced import replaced
-from impulse_control_ros.files.study_file import identity, read_study
+from impulse_control_ros.core.sweep_config import SweepConfig, units
+from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.files.sweep_config_file import identity, read_study
 from impulse_control_ros.files.sweep_folder import SweepError, SweepFolder
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.paper.command import DOCS_DPI, saved
@@ -88,7 +88,7 @@ def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
         made.write_text(page)
 
 
-def ran(study: Study, path: Path, stop: StopRequest) -> Column:
+def ran(study: SweepConfig, path: Path, stop: StopRequest) -> Column:
     """Run what is left of a study, and return the columns of its result."""
     folder = SweepFolder(path, identity(study), units(study))
     if not folder.is_concluded():
@@ -97,13 +97,13 @@ def ran(study: Study, path: Path, stop: StopRequest) -> Column:
     return folder.column
 
 
-def mean_iae(study: Study, column: Column) -> np.ndarray:
+def mean_iae(study: SweepConfig, column: Column) -> np.ndarray:
     """Return the mean IAE [m s] over all runs with a K_i, for each."""
     gains = column('K_i')
     return np.array([column('iae')[gains == gain].mean() for gain in study.axes['K_i']])
 
 
-def tuned(study: Study, column: Column) -> list[str]:
+def tuned(study: SweepConfig, column: Column) -> list[str]:
     """Return the table of the tuning."""
     means = mean_iae(study, column)
     best = study.axes['K_i'][int(np.argmin(means))]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.study import settling, Study
+from impulse_control_ros.core.sweep_config import settling, SweepConfig
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
 
 CONTROLLERS = ('PD', 'PID', 'impulses', 'impulses and integral')  # impulses, then K_i, off and on
@@ -46,7 +46,7 @@ class Comparison:
         return np.flatnonzero(worse.any(axis=0)).tolist()
 
 
-def compared(study: Study, column: Column) -> Comparison:
+def compared(study: SweepConfig, column: Column) -> Comparison:
     """Return the comparison that a study holds, or raise `ParameterError` where it holds none."""
     (disturbance, levels), *others = study.axes.items()
     expected = {name: size for name, size in AXES.items() if name != disturbance}

@@ -4,7 +4,7 @@ from impulse_control_ros.core.command_arbiter import CommandArbiter
 from impulse_control_ros.core.protocol import parse_command, Reply, RUN_TIMEOUT, Verdict
 from impulse_control_ros.core.state_arbiter import StateArbiter
 from impulse_control_ros.files.cdr import COMMANDED, FIELDS, JointStateLayout, read_header
-from impulse_control_ros.files.sample_joiner import COMMANDS, Plant, SampleJoiner, STATES
+from impulse_control_ros.files.sample_joiner import COMMANDS, RecordedPlant, SampleJoiner, STATES
 
 
 def encoded(message, stamp, fields=FIELDS):
@@ -70,7 +70,7 @@ class Nodes:
         if self.joiner:
             self.take_samples(messages)
         if not self.joiner or self.joiner.plant.run != recorder.run:
-            self.joiner = SampleJoiner(Plant(recorder.run, 'axis', 1, True))
+            self.joiner = SampleJoiner(RecordedPlant(recorder.run, 'axis', 1, True))
             self.take_samples(messages)
         assert self.joiner.reached - 1 == recorder.reached
 

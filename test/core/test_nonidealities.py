@@ -8,10 +8,12 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.batch import row, simulate_batch
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.hardware import (
+from impulse_control_ros.core.hybrid import solve
+from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.metrics import figures
+from impulse_control_ros.core.nonidealities import (
     Actuator,
     at_rest,
     Disturbance,
@@ -22,17 +24,15 @@ from impulse_control_ros.core.hardware import (
     Sensor,
     VELOCITY_NOISE,
 )
-from impulse_control_ros.core.hybrid import solve
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.parameter import build, ParameterError
-from impulse_control_ros.core.plant import put_to_start, real_step
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.plant_step import plant_step, put_to_start
 from impulse_control_ros.core.simulate import made_ideally, made_really, simulate
 from impulse_control_ros.core.stribeck import Stribeck
 
 STEP, M, D = 1e-4, 0.1, 0.15
-FREE = Controller(K=1e-300, D=0.0, impulses=False)  # no effort
-EVERYTHING = Axis(
+FREE = ControlGains(K=1e-300, D=0.0, impulses=False)  # no effort
+EVERYTHING = Plant(
     F_c=0.3,
     damping=Damping(kind='noise'),
     stribeck=Stribeck(F_s=0.5, v_s=0.02),
@@ -46,21 +46,21 @@ EVERYTHING = Axis(
 @pytest.mark.parametrize(
     'axis',
     [
-        Axis(F_c=0.0),
-        Axis(F_c=1.0, x_0=0.15),
-        Axis(F_c=0.3, damping=Damping(kind='noise')),
-        Axis(x_0=0.0),
-        Axis(damping=Damping(value=30.0)),
+        Plant(F_c=0.0),
+        Plant(F_c=1.0, x_0=0.15),
+        Plant(F_c=0.3, damping=Damping(kind='noise')),
+        Plant(x_0=0.0),
+        Plant(damping=Damping(value=30.0)),
     ],
     ids=str,
 )
 @pytest.mark.parametrize(
     'controller',
     [
-        Controller(),
-        Controller(effort_limit=50.0),
-        Controller(hold_off=5, c=1.0),
-        Controller(impulses=False),
+        ControlGains(),
+        ControlGains(effort_limit=50.0),
+        ControlGains(hold_off=5, c=1.0),
+        ControlGains(impulses=False),
     ],
     ids=str,
 )
@@ -75,15 +75,15 @@ def test_with_all_off_the_real_plant_makes_the_bits_of_the_ideal_one(axis, contr
 
 
 def test_an_axis_is_ideal_until_one_of_its_parts_acts():
-    assert Axis().is_ideal
-    assert Axis(sensor=Sensor(seed=7), payload=Payload(time=1.0)).is_ideal
+    assert Plant().is_ideal
+    assert Plant(sensor=Sensor(seed=7), payload=Payload(time=1.0)).is_ideal
     acting = {'sensor.velocity': 'none', 'actuator.delay': 1, 'stribeck.F_s': 2.0}
     for name in OFF:
-        assert not build(Axis, {name: acting.get(name, 0.5)}).is_ideal
+        assert not build(Plant, {name: acting.get(name, 0.5)}).is_ideal
 
 
 def test_an_encoder_measures_the_nearest_of_its_steps():
-    run = simulate(Axis(F_c=0.0, sensor=Sensor(resolution=1e-3)), Controller(), 0.3)
+    run = simulate(Plant(F_c=0.0, sensor=Sensor(resolution=1e-3)), ControlGains(), 0.3)
     steps = run.measured_position / 1e-3
     assert np.array_equal(steps, np.rint(steps))
     assert np.abs(run.measured_position - run.position).max() <= 0.5e-3 * (1 + 1e-9)
@@ -91,7 +91,9 @@ def test_an_encoder_measures_the_nearest_of_its_steps():
 
 
 def test_a_velocity_by_difference_is_that_of_the_measured_positions():
-    run = simulate(Axis(sensor=Sensor(resolution=1e-4, velocity='difference')), Controller(), 0.2)
+    run = simulate(
+        Plant(sensor=Sensor(resolution=1e-4, velocity='difference')), ControlGains(), 0.2
+    )
     assert run.measured_velocity[0] == 0.0
     assert run.measured_velocity[1:] == pytest.approx(
         np.diff(run.measured_position) / STEP, abs=1e-9
@@ -99,7 +101,7 @@ def test_a_velocity_by_difference_is_that_of_the_measured_positions():
 
 
 def test_a_position_sensor_measures_no_velocity():
-    run = simulate(Axis(sensor=Sensor(velocity='none')), Controller(), 0.01)
+    run = simulate(Plant(sensor=Sensor(velocity='none')), ControlGains(), 0.01)
     assert np.isnan(run.measured_velocity).all()
     assert np.isfinite(run.effort).all()
 
@@ -119,7 +121,7 @@ def test_noise_is_normal_and_no_two_streams_are_alike():
 
 def test_noise_has_the_standard_deviation_that_is_asked_for():
     sensor = Sensor(position_noise=2e-5, velocity_noise=3e-3)
-    run = simulate(Axis(F_c=0.0, sensor=sensor), FREE, 2.0)
+    run = simulate(Plant(F_c=0.0, sensor=sensor), FREE, 2.0)
     assert np.std(run.measured_position - run.position) == pytest.approx(2e-5, rel=0.02)
     assert np.std(run.measured_velocity - run.velocity) == pytest.approx(3e-3, rel=0.02)
 
@@ -127,7 +129,7 @@ def test_noise_has_the_standard_deviation_that_is_asked_for():
 def test_one_seed_is_one_run_and_another_is_another():
     runs = [
         simulate(
-            replace(EVERYTHING, sensor=replace(EVERYTHING.sensor, seed=seed)), Controller(), 0.3
+            replace(EVERYTHING, sensor=replace(EVERYTHING.sensor, seed=seed)), ControlGains(), 0.3
         ).position.tobytes()
         for seed in (1, 1, 2)
     ]
@@ -136,13 +138,13 @@ def test_one_seed_is_one_run_and_another_is_another():
 
 @pytest.mark.parametrize('delay', [1, 7, 1000])
 def test_a_delayed_command_acts_so_many_samples_later(delay):
-    run = simulate(Axis(actuator=Actuator(delay=delay)), Controller(impulses=False), 0.2)
+    run = simulate(Plant(actuator=Actuator(delay=delay)), ControlGains(impulses=False), 0.2)
     assert not run.applied[:delay].any()
     assert np.array_equal(run.applied[delay:], run.effort[: -1 - delay])
 
 
 def test_an_actuator_clips_what_is_above_its_limit():
-    run = simulate(Axis(actuator=Actuator(limit=20.0)), Controller(), 0.3)
+    run = simulate(Plant(actuator=Actuator(limit=20.0)), ControlGains(), 0.3)
     assert np.abs(run.effort).max() > 1000.0
     assert np.array_equal(run.applied, np.clip(run.effort[:-1], -20.0, 20.0))
 
@@ -150,8 +152,8 @@ def test_an_actuator_clips_what_is_above_its_limit():
 @pytest.mark.parametrize('time_constant', [1e-6, 1e-4, 3e-3])
 def test_a_lag_keeps_the_area_of_every_command_and_delays_it_by_its_time_constant(time_constant):
     run = simulate(
-        Axis(F_c=0.0, actuator=Actuator(time_constant=time_constant)),
-        Controller(impulses=False),
+        Plant(F_c=0.0, actuator=Actuator(time_constant=time_constant)),
+        ControlGains(impulses=False),
         0.1,
     )
     left = run.effort[:-1] - run.applied
@@ -172,7 +174,7 @@ def coasted(velocity, force, mass, seconds):
 
 
 def test_a_constant_force_acts_from_its_start_to_its_end_on_the_mass_of_the_time():
-    axis = Axis(
+    axis = Plant(
         F_c=0.0,
         x_0=0.0,
         payload=Payload(mass=0.3, time=0.2),
@@ -192,14 +194,16 @@ def test_a_constant_force_acts_from_its_start_to_its_end_on_the_mass_of_the_time
 def test_a_sinusoidal_and_a_noisy_force_have_their_amplitude():
     heavy = {'m': 1e6, 'F_c': 0.0, 'v_0': 0.0, 'x_0': 0.0}
     wave = simulate(
-        Axis(**heavy, disturbance=Disturbance(kind='sinusoidal', force=3.0, bandwidth=2.0)),
+        Plant(**heavy, disturbance=Disturbance(kind='sinusoidal', force=3.0, bandwidth=2.0)),
         FREE,
         1.0,
     )
     force = np.diff(wave.velocity) * 1e6 / STEP
     assert force == pytest.approx(3.0 * np.sin(4 * math.pi * wave.time[:-1]), abs=1e-2)
     noise = simulate(
-        Axis(**heavy, disturbance=Disturbance(kind='noise', force=3.0, bandwidth=500.0)), FREE, 2.0
+        Plant(**heavy, disturbance=Disturbance(kind='noise', force=3.0, bandwidth=500.0)),
+        FREE,
+        2.0,
     )
     force = np.diff(noise.velocity) * 1e6 / STEP
     assert np.std(force) == pytest.approx(3.0, rel=0.05)
@@ -212,7 +216,7 @@ def noisy_force(axis, reset_at, samples=4000):
         if k == reset_at:
             hidden = put_to_start(axis, state)
         before = float(state['velocity'][0])
-        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
+        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
         forces.append((float(state['velocity'][0]) - before) * axis.m / STEP)
     return np.array(forces)
 
@@ -220,7 +224,7 @@ def noisy_force(axis, reset_at, samples=4000):
 def test_noise_of_a_force_has_its_amplitude_from_the_first_sample_and_from_a_reset_on():
     wide = []
     for seed in range(200):
-        axis = Axis(
+        axis = Plant(
             m=1e6,
             F_c=0.0,
             x_0=0.0,
@@ -232,7 +236,7 @@ def test_noise_of_a_force_has_its_amplitude_from_the_first_sample_and_from_a_res
 
 
 def test_a_force_that_is_noise_is_not_the_noise_of_the_damping():
-    axis = Axis(
+    axis = Plant(
         m=1e6,
         F_c=0.0,
         x_0=0.0,
@@ -246,7 +250,7 @@ def test_a_force_that_is_noise_is_not_the_noise_of_the_damping():
 
 
 def test_a_sinusoidal_force_begins_with_zero_at_its_start():
-    axis = Axis(
+    axis = Plant(
         m=1e6,
         F_c=0.0,
         x_0=0.0,
@@ -261,7 +265,7 @@ def test_a_sinusoidal_force_begins_with_zero_at_its_start():
 
 
 def test_payload_and_force_act_on_an_axis_with_stribeck_friction_too():
-    plain = Axis(
+    plain = Plant(
         F_c=0.3,
         x_0=0.0,
         payload=Payload(mass=0.3, time=0.2),
@@ -276,20 +280,20 @@ def test_payload_and_force_act_on_an_axis_with_stribeck_friction_too():
 
 def test_a_velocity_by_difference_has_the_noise_of_the_velocity_too():
     sensor = Sensor(velocity='difference', velocity_noise=1e-2)
-    run = simulate(Axis(F_c=0.0, sensor=sensor), FREE, 1.0)
+    run = simulate(Plant(F_c=0.0, sensor=sensor), FREE, 1.0)
     assert np.std(run.measured_velocity[1:] - np.diff(run.position) / STEP) == pytest.approx(
         1e-2, rel=0.05
     )
 
 
 def test_a_reset_empties_the_actuator_of_what_is_on_its_way():
-    axis = Axis(F_c=0.0, x_0=0.0, v_0=0.0, actuator=Actuator(delay=3, time_constant=1e-3))
+    axis = Plant(F_c=0.0, x_0=0.0, v_0=0.0, actuator=Actuator(delay=3, time_constant=1e-3))
     state, hidden = axis.start(), at_rest()
     for _ in range(20):
-        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 5.0)
+        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 5.0)
     hidden = put_to_start(axis, state)
     for _ in range(20):
-        real_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
+        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
         assert state['effort'][0] == state['position'][0] == 0.0
 
 
@@ -309,12 +313,12 @@ def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():
         'disturbance.kind': draw.choice(['constant', 'noise', 'sinusoidal'], runs),
         'disturbance.force': draw.choice([0.0, 0.5], runs),
         'stribeck.F_s': draw.choice([0.0, 0.6], runs),
-        'lead': draw.choice([0.0, 0.5], runs),
-        'stick_samples': draw.choice([1, 30], runs),
+        'guard_lookahead': draw.choice([0.0, 0.5], runs),
+        'stiction_wait_samples': draw.choice([1, 30], runs),
     }
-    batch = simulate_batch(Axis(), Controller(), 0.2, varied, (1e-2, 1e-3))
+    batch = simulate_batch(Plant(), ControlGains(), 0.2, varied, (1e-2, 1e-3))
     for i in range(runs):
-        axis, controller = row(Axis(), Controller(), varied, i)
+        axis, controller = row(Plant(), ControlGains(), varied, i)
         run = simulate(axis, controller, 0.2)
         alone = figures(
             run.time,
@@ -344,16 +348,16 @@ def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():
 )
 def test_hardware_that_cannot_be_is_refused_alone_and_in_a_batch(values, said):
     with pytest.raises(ParameterError, match=said):
-        build(Axis, values)
+        build(Plant, values)
     with pytest.raises(ParameterError, match='invalid .*: must be'):
         simulate_batch(
-            Axis(),
-            Controller(),
+            Plant(),
+            ControlGains(),
             0.1,
-            {name: np.array([Axis().flat()[name], value]) for name, value in values.items()},
+            {name: np.array([Plant().flat()[name], value]) for name, value in values.items()},
         )
 
 
 def test_the_exact_solution_is_that_of_an_ideal_axis_only():
     with pytest.raises(ParameterError, match='must be an ideal one'):
-        solve(EVERYTHING, Controller(), 1.0)
+        solve(EVERYTHING, ControlGains(), 1.0)

@@ -1,22 +1,22 @@
 """
-Laws by which a study varies a parameter.
+Distributions by which a sweep varies a parameter.
 
-An axis lists its values; a study runs every combination of its axes. A draw is made by inversion
+An axis lists its values; a sweep runs every combination of its axes. A draw is made by inversion
 from u, uniform in (0, 1), or from z, its 64 bits; both are a hash of (seed, name, i) alone, so
 that draw i is the same whatever is drawn beside it, before it or where.
 
-============  =============  ==============================  ========================
-law           arguments      value                           kind
-============  =============  ==============================  ========================
-values        [v_0, ...]     v_k                             axis
-grid          [a, b, n]      a + (b - a) k / (n - 1)         axis
-log_grid      [a, b, n]      a (b / a)^(k / (n - 1))         axis
-uniform       [a, b]         a + (b - a) u                   draw
-log_uniform   [a, b]         a (b / a)^u                     draw
-normal        [mean, std]    mean + std Phi^-1(u)            draw
-choice        [v_0, ...]     v_k, k = floor(n u)             draw
-seeds         true           z without its sign bit          draw, for damping.seed
-============  =============  ==============================  ========================
+============  ===========  =======================  ======================
+distribution  arguments    value                    kind
+============  ===========  =======================  ======================
+values        [v_0, ...]   v_k                      axis
+grid          [a, b, n]    a + (b - a) k / (n - 1)  axis
+log_grid      [a, b, n]    a (b / a)^(k / (n - 1))  axis
+uniform       [a, b]       a + (b - a) u            draw
+log_uniform   [a, b]       a (b / a)^u              draw
+normal        [mean, std]  mean + std Phi^-1(u)     draw
+choice        [v_0, ...]   v_k, k = floor(n u)      draw
+seeds         true         z without its sign bit   draw, for damping.seed
+============  ===========  =======================  ======================
 """
 
 from collections.abc import Callable, Mapping
@@ -36,8 +36,8 @@ BLOCK = 65_536  # draws that are looked at together
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law:
-    """A law of `LAWS` by its ``kind``, with its ``arguments``."""
+class Distribution:
+    """A distribution of `DISTRIBUTIONS` by its ``kind``, with its ``arguments``."""
 
     kind: str
     arguments: tuple[Any, ...]
@@ -134,10 +134,10 @@ DRAWS: Mapping[str, Callable[..., Callable[[list[float]], list[Any]]]] = {
     'normal': _normal,
     'choice': _choice,
 }
-LAWS = (*AXES, *DRAWS, 'seeds')
+DISTRIBUTIONS = (*AXES, *DRAWS, 'seeds')
 LISTS = ('values', 'choice')
 # by the type of the parameter
-SUITED = {float: LAWS[:-1], int: ('grid', *LISTS, 'seeds'), bool: LISTS, str: LISTS}
+SUITED = {float: DISTRIBUTIONS[:-1], int: ('grid', *LISTS, 'seeds'), bool: LISTS, str: LISTS}
 ALLOWED = {
     'values': 'a list of different values',
     'grid': f'[from, to, steps] with from < to and 2 <= steps <= {MOST_POINTS}',
@@ -150,20 +150,20 @@ ALLOWED = {
 }
 
 
-def law_of(name: str, given: Any) -> Law:
+def distribution_of(name: str, given: Any) -> Distribution:
     """
-    Return the law of the parameter ``name`` from e.g. ``{'uniform': [0.5, 1.5]}``.
+    Return the distribution of the parameter ``name`` from e.g. ``{'uniform': [0.5, 1.5]}``.
 
-    Raises `ParameterError` for anything else than one law with arguments it can have.
+    Raises `ParameterError` for anything else than one distribution with arguments it can have.
     """
     if not isinstance(given, Mapping) or len(given) != 1:
-        raise refusal(name, given, f'one law: {", ".join(LAWS)}')
+        raise refusal(name, given, f'one distribution: {", ".join(DISTRIBUTIONS)}')
     kind, arguments = next(iter(given.items()))
-    if kind not in LAWS:
-        near = get_close_matches(str(kind), LAWS, 1)
+    if kind not in DISTRIBUTIONS:
+        near = get_close_matches(str(kind), DISTRIBUTIONS, 1)
         raise ParameterError(
-            f'{name}: {kind}: there is no such law'
-            + (f'; is {near[0]} meant?' if near else f'; must be {", ".join(LAWS)}')
+            f'{name}: {kind}: there is no such distribution'
+            + (f'; is {near[0]} meant?' if near else f'; must be {", ".join(DISTRIBUTIONS)}')
         )
     if kind == 'seeds':
         right = arguments is True
@@ -175,7 +175,7 @@ def law_of(name: str, given: Any) -> Law:
         raise refusal(f'{name}: {kind}', arguments, ALLOWED[kind])
     if kind not in (*LISTS, 'seeds'):
         arguments = [*map(float, arguments[:2]), *arguments[2:]]
-    return Law(kind=kind, arguments=() if kind == 'seeds' else tuple(arguments))
+    return Distribution(kind=kind, arguments=() if kind == 'seeds' else tuple(arguments))
 
 
 def _are_values(kind: str, values: list[Any]) -> bool:

@@ -1,15 +1,15 @@
-"""Study files: read as they say, or refused in one line that names the thing."""
+"""SweepConfig files: read as they say, or refused in one line that names the thing."""
 
 import re
 
 import pytest
 import yaml
 
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.law import Law, LAWS
+from impulse_control_ros.core.distributions import Distribution, DISTRIBUTIONS
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.study_file import difference, identity, read_study
+from impulse_control_ros.files.sweep_config_file import difference, identity, read_study
 from test.conftest import CONFIG, ROOT
 
 GOOD = f"""
@@ -40,11 +40,11 @@ def test_a_study_is_what_its_file_says(tmp_path):
     coulomb = read_experiment(CONFIG / 'coulomb.yaml')
     assert (study.extent.duration, study.extent.seed, study.extent.runs) == (0.5, 4, 20)
     assert study.tolerances == (1e-2,)
-    assert study.vary == {'F_c': Law(kind='uniform', arguments=(0, 1.5))}
+    assert study.vary == {'F_c': Distribution(kind='uniform', arguments=(0, 1.5))}
     assert study.axis.x_0 == coulomb.plant_simulator.x_0
     assert study.axis.damping == coulomb.plant_simulator.damping
     told = coulomb.controller.flat()
-    assert study.controller.flat() == {name: told[name] for name in Controller().flat()}
+    assert study.controller.flat() == {name: told[name] for name in ControlGains().flat()}
 
 
 def test_the_duration_is_that_of_the_experiment_where_none_is_given(tmp_path):
@@ -73,9 +73,9 @@ def test_an_experiment_is_found_beside_the_study_or_among_ours(tmp_path):
         ('[1e-2]', '1e-2', 'tolerances = 0.01'),
         ('[1e-2]', '[-1]', 'tolerances = [-1]'),
         ('F_c:', 'F_d:', 'F_d: no such parameter can be varied; is F_c meant?'),
-        ('uniform', 'unifrom', 'F_c: unifrom: there is no such law; is uniform meant?'),
+        ('uniform', 'unifrom', 'F_c: unifrom: there is no such distribution; is uniform meant?'),
         ('[0, 1.5]', '[-1, 1.5]', 'F_c = -1.0: must be >= 0 [N]'),
-        ('{uniform: [0, 1.5]}', '3', 'F_c = 3: must be one law: '),
+        ('{uniform: [0, 1.5]}', '3', 'F_c = 3: must be one distribution: '),
         ('{uniform: [0, 1.5]}', '{uniform: [0, 1.5]', "expected ',' or '}'"),
         ('\n  F_c: {uniform: [0, 1.5]}', ' 3', 'vary = 3: must be parameters with'),
         ('vary:\n  F_c: {uniform: [0, 1.5]}', '', 'vary = None'),
@@ -111,7 +111,7 @@ def test_the_documentation_shows_a_study_and_every_law():
     shown = re.search(r'```yaml\n(.*?)```', text, re.S)[1]
     study = yaml.safe_load((ROOT / 'studies' / 'gains.yaml').read_text())
     assert yaml.safe_load(shown) == study
-    assert re.findall(r'^\| `(\w+)` \|', text, re.M) == list(LAWS)
+    assert re.findall(r'^\| `(\w+)` \|', text, re.M) == list(DISTRIBUTIONS)
 
 
 def test_an_identity_tells_studies_apart_by_what_their_figures_depend_on(tmp_path):

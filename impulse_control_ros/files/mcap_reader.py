@@ -23,7 +23,7 @@ import numba
 import numpy as np
 from zstandard import ZstdError
 
-from impulse_control_ros.files.mcap_file import MAGIC
+from impulse_control_ros.files.mcap_writer import MAGIC
 
 BROKEN = (
     McapError,

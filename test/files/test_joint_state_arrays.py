@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files import series
+from impulse_control_ros.files import joint_state_arrays
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.columns import BagError
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.analyze.command import status
 from test.files.test_bag import RUN, START, STEP
@@ -150,5 +150,8 @@ def test_the_time_to_read_grows_with_the_bag_and_not_with_its_square(tmp_path, m
         )
         looked_at.clear()
         assert read(bag).states['position'].tolist() == list(range(count))
-        assert sum(looked_at) <= (series.KEPT + min(2 * different, series.WORTH)) * count
-        assert len(looked_at) <= count + series.KEPT * 10
+        assert (
+            sum(looked_at)
+            <= (joint_state_arrays.KEPT + min(2 * different, joint_state_arrays.WORTH)) * count
+        )
+        assert len(looked_at) <= count + joint_state_arrays.KEPT * 10

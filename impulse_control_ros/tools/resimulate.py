@@ -9,15 +9,15 @@ import numpy as np
 from impulse_control_ros.core.parameter import build, ParameterError, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
 from impulse_control_ros.core.tick import nanoseconds, seconds
-from impulse_control_ros.files.columns import BagError
 from impulse_control_ros.files.experiment import (
     ControllerParameters,
     is_foreign,
     PlantParameters,
     require_agreement,
 )
+from impulse_control_ros.files.joint_state_arrays import COMMAND, DAMPING, IMPULSE, SAMPLE
+from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import Recording
-from impulse_control_ros.files.series import COMMAND, DAMPING, IMPULSE, SAMPLE
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
 

@@ -22,11 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.axis import Axis
 from impulse_control_ros.core.batch import columns, figures_of, found, packed_rows
-from impulse_control_ros.core.impulse import Controller
+from impulse_control_ros.core.distributions import Distribution, SUITED
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.lanes import LANES
-from impulse_control_ros.core.law import Law, SUITED
 from impulse_control_ros.core.metrics import COUNTS
 from impulse_control_ros.core.parameter import (
     build,
@@ -36,6 +35,7 @@ from impulse_control_ros.core.parameter import (
     Parameters,
     refusal,
 )
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import steps_of
 
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
@@ -68,27 +68,29 @@ class Extent(Parameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study:
+class SweepConfig:
     """
     A study of ``axis`` and ``controller``, refused at birth where one of its runs would be.
 
-    ``vary`` has the law of each varied parameter by its full name, as in `simulate_batch`;
-    settling times are to ``tolerances`` [m].
+    ``vary`` has the distribution of each varied parameter by its full name, as in
+    `simulate_batch`; settling times are to ``tolerances`` [m].
     """
 
-    axis: Axis
-    controller: Controller
+    axis: Plant
+    controller: ControlGains
     extent: Extent
-    vary: Mapping[str, Law]
+    vary: Mapping[str, Distribution]
     tolerances: tuple[float, ...] = (1e-2, 1e-3)
 
     def __post_init__(self) -> None:
         if not self.vary:
-            raise refusal('vary', dict(self.vary), 'at least one parameter with its law')
+            raise refusal('vary', dict(self.vary), 'at least one parameter with its distribution')
         if not self.tolerances or any(not 0.0 < item < math.inf for item in self.tolerances):
             raise refusal('tolerances', list(self.tolerances), 'a list of numbers > 0 [m]')
         self._require_laws()
-        if self.extent.runs > 1 and all(law.is_axis for law in self.vary.values()):
+        if self.extent.runs > 1 and all(
+            distribution.is_axis for distribution in self.vary.values()
+        ):
             raise refusal('runs', self.extent.runs, '1 where no parameter is drawn')
         if self.rows > MOST_RUNS:
             raise refusal('runs', self.rows, f'<= {MOST_RUNS} at all points together')
@@ -101,12 +103,12 @@ class Study:
             )
 
     def _require_laws(self) -> None:
-        """Refuse a parameter that is none, has a law of another type or is there twice."""
+        """Refuse unknown and repeated parameters, and distributions of another type."""
         known = [full_name(name) for name in self.vary]
-        for (name, law), full in zip(self.vary.items(), known, strict=True):
+        for (name, distribution), full in zip(self.vary.items(), known, strict=True):
             suited = SUITED[type(found(name)[2])]
-            if law.kind not in suited:
-                raise ParameterError(f'{name}: {law.kind}: must be ' + ', '.join(suited))
+            if distribution.kind not in suited:
+                raise ParameterError(f'{name}: {distribution.kind}: must be ' + ', '.join(suited))
             if known.count(full) > 1:
                 raise ParameterError(f'{name}: {full} is varied twice')
 
@@ -118,7 +120,11 @@ class Study:
     @cached_property
     def axes(self) -> dict[str, list[Any]]:
         """Return the values of each axis."""
-        return {name: self._values(name) for name, law in self.vary.items() if law.is_axis}
+        return {
+            name: self._values(name)
+            for name, distribution in self.vary.items()
+            if distribution.is_axis
+        }
 
     @cached_property
     def rows(self) -> int:
@@ -174,7 +180,7 @@ TIGHTEST = {
 }
 
 
-def _require_bounds(values: Mapping[str, list[Any]], axis: Axis) -> None:
+def _require_bounds(values: Mapping[str, list[Any]], axis: Plant) -> None:
     """Refuse values of the axis that do not fit together in some row."""
     tightest = {
         inner: TIGHTEST[inner](given)
@@ -185,14 +191,14 @@ def _require_bounds(values: Mapping[str, list[Any]], axis: Axis) -> None:
     build(type(axis), axis.flat() | tightest)
 
 
-def varied(study: Study, rows: range) -> dict[str, np.ndarray]:
+def varied(study: SweepConfig, rows: range) -> dict[str, np.ndarray]:
     """Return the varied parameters of ``rows``: arrays of shape (rows,) by name."""
     index = np.arange(rows.start, rows.stop)
     repeat, point = index % study.extent.runs, index // study.extent.runs
     places = np.unravel_index(point, [len(values) for values in study.axes.values()] or [1])
     result = {}
-    for name, law in study.vary.items():
-        if law.is_axis:
+    for name, distribution in study.vary.items():
+        if distribution.is_axis:
             place = places[list(study.axes).index(name)]
             result[name] = np.asarray(study.axes[name])[place]
         else:
@@ -200,16 +206,16 @@ def varied(study: Study, rows: range) -> dict[str, np.ndarray]:
     return result
 
 
-def drawn(study: Study, name: str, repeat: np.ndarray) -> np.ndarray:
+def drawn(study: SweepConfig, name: str, repeat: np.ndarray) -> np.ndarray:
     """Return the draws of a parameter by their number ``repeat``, and few others are made."""
-    law, kind = study.vary[name], type(found(name)[2])
+    distribution, kind = study.vary[name], type(found(name)[2])
     all_points = study.extent.runs <= len(repeat)
     stretches = [(0, study.extent.runs)] if all_points else pieces(repeat)
     values = np.asarray(
         [
             kind(value)
             for stretch in stretches
-            for value in law.draws(study.extent.seed, full_name(name), *stretch)
+            for value in distribution.draws(study.extent.seed, full_name(name), *stretch)
         ]
     )
     return values[repeat] if all_points else values
@@ -224,7 +230,7 @@ def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
     ]
 
 
-def run_chunk(study: Study, number: int) -> dict[str, np.ndarray]:
+def run_chunk(study: SweepConfig, number: int) -> dict[str, np.ndarray]:
     """Run a chunk of a study: its varied parameters and figures by the names of `units`."""
     rows = study.rows_of(number)
     parameters = varied(study, rows)
@@ -251,7 +257,7 @@ def column_of(name: str) -> str:
     return full_name(name) if name in MEASURES else name
 
 
-def units(study: Study) -> dict[str, str]:
+def units(study: SweepConfig) -> dict[str, str]:
     """Return the unit of each column, in order: varied parameters, then figures."""
     result = {column_of(name): found(name)[3].unit for name in study.vary}
     result |= {settling(tolerance): 's' for tolerance in study.tolerances}
@@ -265,15 +271,16 @@ def title(column: str) -> str:
     return f'settling time to {column.removeprefix("settling_time_")} m'
 
 
-def described(study: Study) -> dict[str, Any]:
+def described(study: SweepConfig) -> dict[str, Any]:
     """Return all that the figures of a study depend on, by name: plain values."""
     result = {'rows': study.rows, 'tolerances': list(study.tolerances), **study.extent.flat()}
     result |= {
-        f'vary: {name}': {law.kind: list(law.arguments)} for name, law in study.vary.items()
+        f'vary: {name}': {distribution.kind: list(distribution.arguments)}
+        for name, distribution in study.vary.items()
     }
     for side, values in (
-        ('plant_simulator', Axis.flat(study.axis)),
-        ('controller', Controller.flat(study.controller)),
+        ('plant_simulator', Plant.flat(study.axis)),
+        ('controller', ControlGains.flat(study.controller)),
     ):
         result |= {f'{side}.{name}': value for name, value in values.items()}
     return result

@@ -6,7 +6,7 @@ A study's YAML file, and what makes two studies the same.
     seed: 1                                 of all draws
     runs: 1000                              at each point of the axes
     tolerances: [1e-2, 1e-3]                m, for settling times
-    vary:                                   parameter: law, see core/law.py
+    vary:                                   parameter: distribution, see core/distributions.py
       F_c: {uniform: [0.0, 1.5]}
 """
 
@@ -20,19 +20,19 @@ from typing import Any
 
 from impulse_control_ros import __version__
 import impulse_control_ros.core
-from impulse_control_ros.core.axis import Axis
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.law import law_of
+from impulse_control_ros.core.distributions import distribution_of
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import build, KIND, ParameterError, Parameters, refusal
-from impulse_control_ros.core.study import described, Extent, Study
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.sweep_config import described, Extent, SweepConfig
+from impulse_control_ros.files.package_share import shipped_experiment
 from impulse_control_ros.files.parameter_file import read_experiment, read_mapping
-from impulse_control_ros.files.shipped import shipped_experiment
 
 EXTENT = ('duration', 'seed', 'runs')
 KEYS = ('experiment', *EXTENT, 'tolerances', 'vary')
 
 
-def read_study(path: str | Path) -> Study:
+def read_study(path: str | Path) -> SweepConfig:
     """
     Read a study.
 
@@ -49,9 +49,9 @@ def read_study(path: str | Path) -> Study:
         given = {'duration': experiment.plant_simulator.duration} | {
             key: content[key] for key in EXTENT if key in content
         }
-        return Study(
-            axis=part(Axis, experiment.plant_simulator),
-            controller=part(Controller, experiment.controller),
+        return SweepConfig(
+            axis=part(Plant, experiment.plant_simulator),
+            controller=part(ControlGains, experiment.controller),
             extent=build(Extent, given),
             tolerances=tolerances_of(content.get('tolerances', [1e-2, 1e-3])),
             vary=laws_of(content.get('vary')),
@@ -91,10 +91,10 @@ def tolerances_of(given: Any) -> tuple[float, ...]:
 
 
 def laws_of(given: Any) -> dict[str, Any]:
-    """Return the law of each parameter, or raise."""
+    """Return the distribution of each parameter, or raise."""
     if not isinstance(given, Mapping) or not given:
         raise refusal('vary', given, 'parameters with their laws, e.g. F_c: {uniform: [0, 1.5]}')
-    return {str(name): law_of(str(name), law) for name, law in given.items()}
+    return {str(name): distribution_of(str(name), one) for name, one in given.items()}
 
 
 @lru_cache
@@ -106,7 +106,7 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def identity(study: Study) -> str:
+def identity(study: SweepConfig) -> str:
     """Return in JSON all that decides the bits of a study's result."""
     made_by = {'version': __version__, 'code': code_digest()}
     return json.dumps(made_by | described(study))

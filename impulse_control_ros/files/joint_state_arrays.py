@@ -27,7 +27,7 @@ from impulse_control_ros.files.cdr import (
     layout_in,
     read_header,
 )
-from impulse_control_ros.files.columns import Column
+from impulse_control_ros.files.mcap_reader import Column
 
 SAMPLE = np.dtype(
     [('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'), ('is_reset', '?')]

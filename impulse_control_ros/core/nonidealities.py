@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
-from impulse_control_ros.core.kernel import compiled
+from impulse_control_ros.core.jit import compiled
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
 
 VELOCITIES = ('ideal', 'difference', 'none')
@@ -70,7 +70,7 @@ HARDWARE = np.dtype(
     ]
 )
 # What the hardware remembers: the measured state, the actuator's output, commands on their way.
-HIDDEN = np.dtype(
+HARDWARE_STATE = np.dtype(
     [
         ('position', 'f8'),
         ('velocity', 'f8'),
@@ -191,7 +191,7 @@ OFF: Mapping[str, Any] = {
 
 
 def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
-    """Pack values, or arrays of shape (runs,), by the names of `Axis`: dtype HARDWARE."""
+    """Pack values, or arrays of shape (runs,), by the names of `Plant`: dtype HARDWARE."""
     rows = np.zeros(runs, HARDWARE)
     for name, source in (
         ('resolution', 'sensor.resolution'),
@@ -235,8 +235,8 @@ def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> n
 
 
 def at_rest() -> np.ndarray:
-    """Return the hardware's memory at the start and after a reset: shape (1,), dtype HIDDEN."""
-    hidden = np.zeros(1, HIDDEN)
+    """Return the state of the hardware after a reset: shape (1,), dtype HARDWARE_STATE."""
+    hidden = np.zeros(1, HARDWARE_STATE)
     hidden['measured'] = hidden['noise'] = np.nan  # none yet
     return hidden
 

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.law import ALLOWED, AXES, law_of, LAWS
+from impulse_control_ros.core.distributions import ALLOWED, AXES, distribution_of, DISTRIBUTIONS
 from impulse_control_ros.core.parameter import ParameterError
 
 RUNS = 20_000
@@ -27,17 +27,17 @@ EXAMPLES = {
     'seeds': True,
 }
 GOLDEN = ['-0x1.0a13c8075c8c0p-1', '0x1.b01743abc460bp-1', '0x1.7fbded5788b60p-1']
-DRAWN = [kind for kind in LAWS if kind not in AXES]
+DRAWN = [kind for kind in DISTRIBUTIONS if kind not in AXES]
 
 
 def example(kind):
-    return law_of('K', {kind: EXAMPLES[kind]})
+    return distribution_of('K', {kind: EXAMPLES[kind]})
 
 
 @pytest.mark.parametrize('kind', CONTINUOUS)
 def test_draws_have_the_distribution_of_their_name(kind):
     arguments, cdf = CONTINUOUS[kind]
-    draws = np.sort(law_of('K', {kind: arguments}).draws(1, 'K', 0, RUNS))
+    draws = np.sort(distribution_of('K', {kind: arguments}).draws(1, 'K', 0, RUNS))
     expected = np.array([cdf(value) for value in draws])
     ranks = np.arange(RUNS) / RUNS
     # Kolmogorov and Smirnov: 1.63 / sqrt(n) is exceeded once in a hundred seeds
@@ -47,7 +47,7 @@ def test_draws_have_the_distribution_of_their_name(kind):
 
 
 def test_a_choice_draws_each_value_as_often_as_it_is_listed():
-    draws = law_of('c', {'choice': ['a', 'b', 'b', 'c']}).draws(1, 'c', 0, RUNS)
+    draws = distribution_of('c', {'choice': ['a', 'b', 'b', 'c']}).draws(1, 'c', 0, RUNS)
     shares = [draws.count(value) / RUNS for value in 'abc']
     assert shares == pytest.approx([0.25, 0.5, 0.25], abs=0.01)
 
@@ -87,8 +87,8 @@ def test_no_draw_leaves_the_extremes(kind):
 
 
 def test_grids_end_where_they_say():
-    assert law_of('K', {'grid': [0.0, 1.0, 5]}).points() == [0.0, 0.25, 0.5, 0.75, 1.0]
-    points = law_of('K', {'log_grid': [0.1, 10.0, 3]}).points()
+    assert distribution_of('K', {'grid': [0.0, 1.0, 5]}).points() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    points = distribution_of('K', {'log_grid': [0.1, 10.0, 3]}).points()
     assert points == pytest.approx([0.1, 1.0, 10.0])
     assert (points[0], points[-1]) == (0.1, 10.0)
 
@@ -96,10 +96,10 @@ def test_grids_end_where_they_say():
 @pytest.mark.parametrize(
     ('given_law', 'said'),
     [
-        ({'gaussian': [0, 1]}, 'K: gaussian: there is no such law; must be values, '),
-        ({'unifrom': [0, 1]}, 'K: unifrom: there is no such law; is uniform meant?'),
-        (1.0, 'K = 1.0: must be one law: values, grid, '),
-        ({'uniform': [0, 1], 'normal': [0, 1]}, ': must be one law'),
+        ({'gaussian': [0, 1]}, 'K: gaussian: there is no such distribution; must be values, '),
+        ({'unifrom': [0, 1]}, 'K: unifrom: there is no such distribution; is uniform meant?'),
+        (1.0, 'K = 1.0: must be one distribution: values, grid, '),
+        ({'uniform': [0, 1], 'normal': [0, 1]}, ': must be one distribution'),
         ({'uniform': [1.0, 0.0]}, 'K: uniform = [1.0, 0.0]: must be [from, to] with'),
         ({'uniform': [0.0, math.nan]}, 'K: uniform = [0.0, nan]'),
         ({'uniform': [0, 10**400]}, 'K: uniform = [0, 1000'),
@@ -119,10 +119,10 @@ def test_grids_end_where_they_say():
 )
 def test_a_wrong_law_is_refused_in_one_line(given_law, said):
     with pytest.raises(ParameterError) as refused:
-        law_of('K', given_law)
+        distribution_of('K', given_law)
     assert said in str(refused.value)
     assert '\n' not in str(refused.value)
 
 
 def test_every_law_says_what_is_allowed():
-    assert set(ALLOWED) == set(LAWS) == set(EXAMPLES)
+    assert set(ALLOWED) == set(DISTRIBUTIONS) == set(EXAMPLES)

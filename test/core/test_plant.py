@@ -5,7 +5,7 @@ from mpmath import exp, expm1, findroot, log, mp, mpf
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.axis import axis_step, long_step, shapes, short_step
+from impulse_control_ros.core.plant import axis_step, long_step, shapes, short_step
 
 mp.dps = 40
 STEP = 1e-4

@@ -3,12 +3,12 @@
 import pytest
 
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.files import shipped
+from impulse_control_ros.files import package_share
 from test.conftest import CONFIG
 
 
 def test_in_the_repository_an_experiment_is_the_one_in_config():
-    assert shipped.shipped_experiment('coulomb') == CONFIG / 'coulomb.yaml'
+    assert package_share.shipped_experiment('coulomb') == CONFIG / 'coulomb.yaml'
 
 
 def test_once_installed_it_is_the_one_in_share(monkeypatch, tmp_path):
@@ -17,10 +17,10 @@ def test_once_installed_it_is_the_one_in_share(monkeypatch, tmp_path):
     for folder in (package, share):
         folder.mkdir(parents=True)
     (share / 'coulomb.yaml').touch()
-    monkeypatch.setattr(shipped, '__file__', str(package / 'shipped.py'))
-    assert shipped.shipped_experiment('coulomb') == share / 'coulomb.yaml'
+    monkeypatch.setattr(package_share, '__file__', str(package / 'package_share.py'))
+    assert package_share.shipped_experiment('coulomb') == share / 'coulomb.yaml'
 
 
 def test_an_unknown_experiment_is_refused_by_name():
     with pytest.raises(ParameterError, match="experiment = .*'bounce'.*"):
-        shipped.shipped_experiment('bounce')
+        package_share.shipped_experiment('bounce')

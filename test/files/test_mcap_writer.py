@@ -11,7 +11,7 @@ import pytest
 
 from impulse_control_ros.files import mcap_chunk
 from impulse_control_ros.files.mcap_chunk import block_of
-from impulse_control_ros.files.mcap_file import McapFile
+from impulse_control_ros.files.mcap_writer import McapFile
 
 CHANNELS = 4
 SMALL, LARGEST = 400, 800  # bytes of a chunk in these tests

@@ -5,14 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impulse_control_ros.core import study as module
-from impulse_control_ros.core.axis import Axis
+from impulse_control_ros.core import sweep_config as module
 from impulse_control_ros.core.batch import simulate_batch
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import Controller
-from impulse_control_ros.core.law import Law, law_of
+from impulse_control_ros.core.distributions import Distribution, distribution_of
+from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.study import described, Extent, run_chunk, Study, units, varied
+from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.sweep_config import (
+    described,
+    Extent,
+    run_chunk,
+    SweepConfig,
+    units,
+    varied,
+)
 
 MIXED = {
     'F_c': {'uniform': [0.0, 1.5]},
@@ -25,11 +32,11 @@ MIXED = {
 
 
 def study(vary=MIXED, runs=50, duration=0.02, **values):
-    laws = {name: law_of(name, law) for name, law in vary.items()}
-    return Study(
+    laws = {name: distribution_of(name, law) for name, law in vary.items()}
+    return SweepConfig(
         **{
-            'axis': Axis(damping=Damping(kind='noise')),
-            'controller': Controller(),
+            'axis': Plant(damping=Damping(kind='noise')),
+            'controller': ControlGains(),
             'extent': Extent(runs=runs, duration=duration, seed=3),
             'vary': laws,
         }
@@ -54,13 +61,13 @@ def test_a_row_depends_on_its_number_alone():
 
 def test_a_chunk_draws_no_more_than_it_needs(monkeypatch):
     made = study(runs=10_000)
-    counts, draws = [], Law.draws
+    counts, draws = [], Distribution.draws
 
     def counted(law, seed, name, first, count):
         counts.append(count)
         return draws(law, seed, name, first, count)
 
-    monkeypatch.setattr(Law, 'draws', counted)
+    monkeypatch.setattr(Distribution, 'draws', counted)
     for rows in (range(9_990, 10_020), range(0, 40), range(19_999, 20_003)):
         counts.clear()
         varied(made, rows)
@@ -133,10 +140,10 @@ def test_the_columns_are_those_that_have_units():
         {'extent': Extent(runs=51, duration=0.02, seed=3)},
         {'extent': Extent(runs=50, duration=0.03, seed=3)},
         {'extent': Extent(runs=50, duration=0.02, seed=4)},
-        {'axis': Axis()},
-        {'controller': Controller(K=11.0)},
+        {'axis': Plant()},
+        {'controller': ControlGains(K=11.0)},
         {'tolerances': (1e-2,)},
-        {'vary': {'F_c': law_of('F_c', {'uniform': [0.0, 1.6]})}},
+        {'vary': {'F_c': distribution_of('F_c', {'uniform': [0.0, 1.6]})}},
     ],
 )
 def test_a_description_tells_different_studies_apart(change):
