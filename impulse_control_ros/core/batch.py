@@ -36,18 +36,11 @@ from impulse_control_ros.core.nonidealities import (
     OFF as IDEAL_AXIS,
     packed_hardware,
 )
-from impulse_control_ros.core.parameter import (
-    build,
-    converted,
-    declared,
-    meant,
-    ParameterError,
-    refusal,
-    Spec,
-)
+from impulse_control_ros.core.parameter import build, converted, declared, meant, refusal, Spec
 from impulse_control_ros.core.plant import AXIS, Plant, STATE
 from impulse_control_ros.core.rows import LEFT, run_rows
 from impulse_control_ros.core.simulate import steps_of
+from impulse_control_ros.errors import ParameterError
 
 SIDES: dict[str, type[Plant] | type[ControlGains]] = {
     'plant_simulator': Plant,

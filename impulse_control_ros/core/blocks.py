@@ -7,10 +7,11 @@ import numpy as np
 
 from impulse_control_ros.core.careful import fresh_watch, packed_law
 from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory
-from impulse_control_ros.core.plant import DIVERGED, DivergedError, Plant, STATE
+from impulse_control_ros.core.plant import DIVERGED, Plant, STATE
 from impulse_control_ros.core.plant_step import plant_step, put_to_start
 from impulse_control_ros.core.replay import close_loop
 from impulse_control_ros.core.tick import nanoseconds, seconds
+from impulse_control_ros.errors import DivergedError
 
 BLOCK = 10_000  # samples
 

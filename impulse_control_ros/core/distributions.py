@@ -28,7 +28,8 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.parameter import ParameterError, refusal
+from impulse_control_ros.core.parameter import refusal
+from impulse_control_ros.errors import ParameterError
 
 MOST_POINTS = 100_000
 LARGEST = 1e300  # far below overflow

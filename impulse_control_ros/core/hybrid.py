@@ -39,8 +39,9 @@ from impulse_control_ros.core.impulse import (
     VELOCITY_ZERO,
 )
 from impulse_control_ros.core.jit import sign
-from impulse_control_ros.core.parameter import ParameterError, refusal
+from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.errors import ParameterError
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
 ARC = np.dtype(

@@ -12,6 +12,8 @@ import math
 from operator import attrgetter
 from typing import Any, TypeVar
 
+from impulse_control_ros.errors import ParameterError
+
 FAR = 1e9  # bound of positions [m] and velocities [m/s]: far below overflow
 TYPES = {
     float: 'a number',
@@ -26,10 +28,6 @@ RENAMED = {
     'managed': 'lifecycle',
     'stick_samples': 'stiction_wait_samples',
 }
-
-
-class ParameterError(ValueError):
-    """A refused parameter; the message names it, its value and what is allowed."""
 
 
 @dataclass(frozen=True, kw_only=True)

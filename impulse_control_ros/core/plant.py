@@ -46,8 +46,9 @@ from impulse_control_ros.core.nonidealities import (
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
 from impulse_control_ros.core.stribeck import Stribeck
 from impulse_control_ros.core.tick import nanoseconds
+from impulse_control_ros.errors import DivergedError
 
-DIVERGED = 1e100
+DIVERGED = DivergedError.bound
 AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
 # effort and damping of a state are those that acted over the sample that led to it.
 STATE = np.dtype(
@@ -62,16 +63,6 @@ STATE = np.dtype(
 )
 REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
 SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
-
-
-class DivergedError(ArithmeticError):
-    """A state that reaches DIVERGED [m, m/s]; far below overflow, so commands are finite."""
-
-    def __init__(self, position: float, velocity: float, seconds: str) -> None:
-        super().__init__(
-            f'the loop has diverged: at {seconds} s position = {position:.3g} m, '
-            f'velocity = {velocity:.3g} m/s; both must be < {DIVERGED:g}'
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,9 +27,10 @@ from impulse_control_ros.core.impulse import (
 from impulse_control_ros.core.jit import compiled
 from impulse_control_ros.core.nonidealities import at_rest
 from impulse_control_ros.core.parameter import refusal
-from impulse_control_ros.core.plant import axis_step, DIVERGED, DivergedError, Plant
+from impulse_control_ros.core.plant import axis_step, DIVERGED, Plant
 from impulse_control_ros.core.plant_step import plant_step, sense
 from impulse_control_ros.core.tick import ticks
+from impulse_control_ros.errors import DivergedError
 
 EVENT = np.dtype(
     [('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]

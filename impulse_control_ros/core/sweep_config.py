@@ -27,16 +27,10 @@ from impulse_control_ros.core.distributions import Distribution, SUITED
 from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.lanes import LANES
 from impulse_control_ros.core.metrics import COUNTS
-from impulse_control_ros.core.parameter import (
-    build,
-    converted,
-    parameter,
-    ParameterError,
-    Parameters,
-    refusal,
-)
+from impulse_control_ros.core.parameter import build, converted, parameter, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import steps_of
+from impulse_control_ros.errors import ParameterError
 
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
 MOST_ROWS = 16_384  # of a chunk, for its memory

@@ -16,9 +16,10 @@ from typing import Any
 import yaml
 
 from impulse_control_ros import __version__
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.definition import message_definition, type_hash
 from impulse_control_ros.files.mcap_chunk import Block
-from impulse_control_ros.files.mcap_reader import BagError, naming
+from impulse_control_ros.files.mcap_reader import naming
 from impulse_control_ros.files.mcap_writer import McapFile
 from impulse_control_ros.files.topics import SERIES
 

@@ -9,17 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.parameter import (
-    build,
-    declared,
-    parameter,
-    ParameterError,
-    Parameters,
-    refusal,
-)
+from impulse_control_ros.core.parameter import build, declared, parameter, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.protocol import ENDLESS
 from impulse_control_ros.core.tick import nanoseconds, samples_between, SECOND, ticks
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.mcap_writer import COMPRESSIONS
 
 # stamps have 32 bits of seconds, with a sign

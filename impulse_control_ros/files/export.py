@@ -27,8 +27,8 @@ import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read, Recording
 
 UNITS = {

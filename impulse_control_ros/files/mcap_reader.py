@@ -23,6 +23,7 @@ import numba
 import numpy as np
 from zstandard import ZstdError
 
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.mcap_writer import MAGIC
 
 BROKEN = (
@@ -48,10 +49,6 @@ HEADER = np.dtype(
         'itemsize': 31,
     }
 )
-
-
-class BagError(Exception):
-    """A bag that cannot be written or read; the message names the path and the reason."""
 
 
 @contextmanager

@@ -8,7 +8,8 @@ from typing import Any
 
 import yaml
 
-from impulse_control_ros.core.parameter import build, ParameterError
+from impulse_control_ros.core.parameter import build
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import (
     Experiment,
     is_foreign,

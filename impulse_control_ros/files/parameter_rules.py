@@ -5,7 +5,8 @@ import re
 
 import yaml
 
-from impulse_control_ros.core.parameter import declared, meant, ParameterError
+from impulse_control_ros.core.parameter import declared, meant
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import NODES
 from impulse_control_ros.files.parameter_file import Given, parsed
 

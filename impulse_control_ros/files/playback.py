@@ -10,7 +10,8 @@ import yaml
 
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.mcap_reader import BagError, Column, columns
+from impulse_control_ros.errors import BagError
+from impulse_control_ros.files.mcap_reader import Column, columns
 
 Message = tuple[int, str, bytes]  # log time [ns], topic, CDR
 Offers = dict[str, tuple[str, dict[str, Any]]]  # type and offered quality of service

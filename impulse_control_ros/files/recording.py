@@ -10,6 +10,7 @@ from mcap.records import Channel, Metadata, Schema
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.completeness import lacking
 from impulse_control_ros.files.damping_series import DampingSeries
@@ -20,7 +21,7 @@ from impulse_control_ros.files.joint_state_arrays import (
     SAMPLE,
     Series,
 )
-from impulse_control_ros.files.mcap_reader import BagError, Column, columns, Item, naming
+from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming
 from impulse_control_ros.files.run_choice import (
     choose,
     NO_SOURCE,

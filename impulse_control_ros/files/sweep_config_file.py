@@ -22,9 +22,10 @@ from impulse_control_ros import __version__
 import impulse_control_ros.core
 from impulse_control_ros.core.distributions import distribution_of
 from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.parameter import build, KIND, ParameterError, Parameters, refusal
+from impulse_control_ros.core.parameter import build, KIND, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import described, Extent, SweepConfig
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.package_share import shipped_experiment
 from impulse_control_ros.files.parameter_file import read_experiment, read_mapping
 

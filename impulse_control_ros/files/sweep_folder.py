@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError, SweepError
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.sweep_config_file import difference
 
@@ -28,10 +28,6 @@ KEY = b'impulse_control_ros'
 ROW_GROUP = 32_768
 OPTIONS = {'compression': 'zstd', 'use_dictionary': False, 'write_page_checksum': True}
 UNREADABLE = (pa.ArrowException, OSError, ValueError)
-
-
-class SweepError(RuntimeError):
-    """A sweep that cannot go on; the message says why, and what to do."""
 
 
 class SweepFolder:

@@ -21,17 +21,17 @@ from std_msgs.msg import Float64
 
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.impulse import NO_IMPULSE
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
 from impulse_control_ros.core.tick import nanoseconds, SECOND, seconds
+from impulse_control_ros.errors import ParameterError, UnreadableError
 from impulse_control_ros.files.cdr import read_header
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.topics import JOINT_STATES, RUN_PARAMETERS, SETPOINT
 from impulse_control_ros.nodes.answers import Answers
 from impulse_control_ros.nodes.controller_report import ControllerReport
-from impulse_control_ros.nodes.joint_state_io import JointStateReader, UnreadableError
+from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.known_plants import KnownPlants
 from impulse_control_ros.nodes.lifecycle import ManagedNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node

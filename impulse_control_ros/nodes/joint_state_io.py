@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from impulse_control_ros.errors import MiddlewareError, UnreadableError
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in
 
 PROBE = (1.5, -2.25, 3.0e-300)
@@ -15,14 +16,6 @@ FRAME_ID_AT = 12  # offset of its length, after encapsulation and stamp
 MOST_KNOWN = 64
 # a parsed frame_id, the decoder of such a message, and the selector of the values read
 Known = tuple[Any, Callable[[bytes], Any], Callable[[Any], Any]]
-
-
-class UnreadableError(Exception):
-    """A JointState lacks the requested values; the message gives the reason."""
-
-
-class MiddlewareError(Exception):
-    """A middleware that encodes messages differently."""
 
 
 def decode_any(

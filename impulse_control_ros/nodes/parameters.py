@@ -19,14 +19,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from impulse_control_ros.core.parameter import (
-    build,
-    declared,
-    ParameterError,
-    Parameters,
-    refusal,
-    Spec,
-)
+from impulse_control_ros.core.parameter import build, declared, Parameters, refusal, Spec
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import is_foreign
 
 TYPES = {

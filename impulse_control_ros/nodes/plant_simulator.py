@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
-from impulse_control_ros.core.plant import DIVERGED, DivergedError
+from impulse_control_ros.core.plant import DIVERGED
 from impulse_control_ros.core.protocol import (
     FOREIGN,
     name_of,
@@ -30,10 +30,11 @@ from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
 from impulse_control_ros.core.simulated_axis import SimulatedAxis
 from impulse_control_ros.core.tick import nanoseconds, SampleClock
 from impulse_control_ros.core.wall_clock_pacer import WallClockPacer
+from impulse_control_ros.errors import DivergedError, UnreadableError
 from impulse_control_ros.files.cdr import COMMANDED, read_header
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, RECORDER_PROGRESS
-from impulse_control_ros.nodes.joint_state_io import JointStateReader, UnreadableError
+from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.plant_outputs import PlantOutputs
 from impulse_control_ros.nodes.plant_report import PlantReport

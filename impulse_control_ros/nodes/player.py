@@ -21,9 +21,9 @@ from std_srvs.srv import SetBool
 
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.experiment import cpu_core_parameter
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
 from impulse_control_ros.files.recording import storage_file
 from impulse_control_ros.files.topics import CLOCK

@@ -7,8 +7,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import Topic
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.topics import DAMPING, FLOAT64, offered_on, SERIES
 from impulse_control_ros.nodes.topics import (
     deep_qos,

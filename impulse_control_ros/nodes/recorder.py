@@ -23,10 +23,10 @@ from std_msgs.msg import Header
 from impulse_control_ros.core.protocol import name_of, new_id, NodeHeader, parse_node, WINDOW
 from impulse_control_ros.core.recorder_flow_control import LEAVES
 from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter, require_writable
 from impulse_control_ros.files.cdr import encode_header
 from impulse_control_ros.files.experiment import RecorderParameters
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.run_recording import RunRecording
 from impulse_control_ros.files.sample_joiner import PARAMETERS, RecordedPlant
 from impulse_control_ros.files.topics import RECORDER_PROGRESS

@@ -19,10 +19,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.files.mcap_reader import BagError
+from impulse_control_ros.errors import BagError, MiddlewareError, ParameterError
 from impulse_control_ros.files.parameter_overrides import unused_overrides
-from impulse_control_ros.nodes.joint_state_io import MiddlewareError
 from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
 from impulse_control_ros.stop import StopRequest
 

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.mcap_reader import BagError
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_DEPTH
 
 SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample

@@ -3,14 +3,12 @@
 import argparse
 import sys
 
+from impulse_control_ros.errors import UsageError
+
 RUN_HELP = (
     'of a bag with several runs, the one with this id or, for a foreign plant, in this '
     'namespace; the longest one if not given'
 )
-
-
-class UsageError(Exception):
-    """What cannot be done, in one line."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -16,8 +16,8 @@ import sys
 
 from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read, Recording
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.analyze.table import responses_of

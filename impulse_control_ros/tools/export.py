@@ -48,8 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         import pyarrow  # noqa: F401 (it may be missing)
 
+        from impulse_control_ros.errors import BagError
         from impulse_control_ros.files.export import to_csv, to_parquet
-        from impulse_control_ros.files.mcap_reader import BagError
         from impulse_control_ros.files.recording import read
     except ModuleNotFoundError as error:
         return leave(

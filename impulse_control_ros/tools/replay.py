@@ -105,8 +105,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
             '--controller and --closed-loop'
         )
 
-    from impulse_control_ros.core.parameter import ParameterError
-    from impulse_control_ros.files.mcap_reader import BagError
+    from impulse_control_ros.errors import BagError, ParameterError
 
     try:
         lines, same = compared(options)
@@ -121,7 +120,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     """Return the controller's parameters of the command line; raises `ParameterError`."""
-    from impulse_control_ros.core.parameter import ParameterError
+    from impulse_control_ros.errors import ParameterError
     from impulse_control_ros.files.parameter_file import read_values
 
     values = dict(read_values(options.params)['controller']) if options.params else {}
@@ -140,7 +139,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     """Run the bag again; returns what to print, and whether every message is the same."""
     import numpy as np
 
-    from impulse_control_ros.files.mcap_reader import BagError
+    from impulse_control_ros.errors import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.bag_diff import difference, lines_of, same
     from impulse_control_ros.tools.resimulate import closed_loop, open_loop

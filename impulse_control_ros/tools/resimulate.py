@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.parameter import build, ParameterError, Parameters
+from impulse_control_ros.core.parameter import build, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
 from impulse_control_ros.core.tick import nanoseconds, seconds
+from impulse_control_ros.errors import BagError, ParameterError
 from impulse_control_ros.files.experiment import (
     ControllerParameters,
     is_foreign,
@@ -16,7 +17,6 @@ from impulse_control_ros.files.experiment import (
     require_agreement,
 )
 from impulse_control_ros.files.joint_state_arrays import COMMAND, DAMPING, IMPULSE, SAMPLE
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import Recording
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}

@@ -10,13 +10,12 @@ from time import monotonic
 from typing import TypeVar
 
 from impulse_control_ros.core.blocks import blocks_of
-from impulse_control_ros.core.parameter import ParameterError, refusal
-from impulse_control_ros.core.plant import DivergedError
+from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.protocol import new_id, new_run, NodeHeader, StateHeader
 from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks
+from impulse_control_ros.errors import BagError, DivergedError, ParameterError, UsageError
 from impulse_control_ros.files.bag import BagWriter, describe_run, require_definitions, Topic
 from impulse_control_ros.files.experiment import Experiment, PlantParameters
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.parameter_rules import given_by
@@ -30,7 +29,7 @@ from impulse_control_ros.files.topics import (
 )
 from impulse_control_ros.progress import simulated_time
 from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.arguments import ended, Parser, UsageError
+from impulse_control_ros.tools.arguments import ended, Parser
 
 leave = partial(ended, 'simulate')
 PLANT, CONTROLLER = '/plant_simulator', '/controller'

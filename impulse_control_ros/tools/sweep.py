@@ -54,8 +54,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
     options = parse(arguments)
     try:
-        from impulse_control_ros.core.parameter import ParameterError
-        from impulse_control_ros.files.sweep_folder import SweepError
+        from impulse_control_ros.errors import ParameterError, SweepError
         import impulse_control_ros.tools.sweep_pictures
         import impulse_control_ros.tools.sweep_workers  # noqa: F401 (a package may be missing)
     except ModuleNotFoundError as error:
@@ -111,7 +110,7 @@ def finish(
     """Run the chunks that are not there; conclude if all are, and say how fast it was."""
     from tqdm import tqdm
 
-    from impulse_control_ros.files.sweep_folder import SweepError
+    from impulse_control_ros.errors import SweepError
     from impulse_control_ros.tools.sweep_workers import computed
 
     there = folder.finished()

@@ -27,8 +27,8 @@ import numpy as np
 from tqdm import tqdm
 
 from impulse_control_ros.core.sweep_config import run_chunk, SweepConfig
+from impulse_control_ros.errors import ForeignCodeError, SweepError
 from impulse_control_ros.files.sweep_config_file import code_digest
-from impulse_control_ros.files.sweep_folder import SweepError
 from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1  # s between looks at the stop request
@@ -44,10 +44,6 @@ class Workers:
     executor: Executor
     slots: Callable[[], int]
     name: str
-
-
-class ForeignCodeError(RuntimeError):
-    """A worker that has another version of the code."""
 
 
 def verified_chunk(study: SweepConfig, number: int, code: str) -> Columns:

@@ -17,9 +17,9 @@ from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
 from impulse_control_ros.core.metrics import figures
-from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.plant import DivergedError, Plant
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.errors import DivergedError, ParameterError
 
 AXIS, CONTROLLER = Plant(F_c=1.0), ControlGains()
 TOLERANCES = (1e-2, 1e-3, 1e-5)

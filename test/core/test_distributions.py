@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.distributions import ALLOWED, AXES, distribution_of, DISTRIBUTIONS
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 
 RUNS = 20_000
 CONTINUOUS = {

@@ -12,9 +12,9 @@ from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.flow import first_zero, response
 from impulse_control_ros.core.hybrid import End, Reading, solve
 from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.errors import ParameterError
 
 mp.dps = 40
 FIG_2 = Plant(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))

@@ -24,11 +24,12 @@ from impulse_control_ros.core.nonidealities import (
     Sensor,
     VELOCITY_NOISE,
 )
-from impulse_control_ros.core.parameter import build, ParameterError
+from impulse_control_ros.core.parameter import build
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.plant_step import plant_step, put_to_start
 from impulse_control_ros.core.simulate import made_ideally, made_really, simulate
 from impulse_control_ros.core.stribeck import Stribeck
+from impulse_control_ros.errors import ParameterError
 
 STEP, M, D = 1e-4, 0.1, 0.15
 FREE = ControlGains(K=1e-300, D=0.0, impulses=False)  # no effort

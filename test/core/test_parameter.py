@@ -6,8 +6,9 @@ import pytest
 
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.parameter import build, declared, ParameterError, RENAMED
+from impulse_control_ros.core.parameter import build, declared, RENAMED
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.parameter_rules import given_by
 

@@ -6,9 +6,9 @@ import pytest
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import first_position_zero, overshoot, settling_time
-from impulse_control_ros.core.parameter import ParameterError
-from impulse_control_ros.core.plant import DivergedError, Plant
+from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.errors import DivergedError, ParameterError
 
 PD = ControlGains(impulses=False)
 FIRST_ZERO = 0.12143680500356

@@ -10,7 +10,6 @@ from impulse_control_ros.core.batch import simulate_batch
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.distributions import Distribution, distribution_of
 from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import (
     described,
@@ -20,6 +19,7 @@ from impulse_control_ros.core.sweep_config import (
     units,
     varied,
 )
+from impulse_control_ros.errors import ParameterError
 
 MIXED = {
     'F_c': {'uniform': [0.0, 1.5]},

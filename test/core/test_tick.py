@@ -5,8 +5,8 @@ from fractions import Fraction
 from hypothesis import given, strategies as st
 import pytest
 
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.tick import nanoseconds, SECOND, stamp, ticks
+from impulse_control_ros.errors import ParameterError
 
 
 @given(st.integers(0, 10**12), st.integers(1, SECOND), st.integers(1, 10**18))

@@ -15,10 +15,10 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter, PACKAGE, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.mcap_chunk import CHUNK_SIZE
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,

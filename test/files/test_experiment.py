@@ -3,7 +3,8 @@
 import pytest
 import yaml
 
-from impulse_control_ros.core.parameter import declared, ParameterError
+from impulse_control_ros.core.parameter import declared
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import axis_of, NODES, PlantParameters
 from impulse_control_ros.files.parameter_file import flattened, read_experiment
 from test.conftest import CONFIG

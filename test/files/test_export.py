@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_parquet, UNITS
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read
 from test.files.test_bag import begun, COMMAND, EVENT, STATE
 

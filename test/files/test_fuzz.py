@@ -9,10 +9,10 @@ from mcap.writer import CompressionType, Writer
 import numpy as np
 import pytest
 
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in, read_header
 from impulse_control_ros.files.definition import message_definition
 from impulse_control_ros.files.joint_state_arrays import first_joint
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,

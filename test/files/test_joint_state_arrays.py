@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files import joint_state_arrays
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read
 from impulse_control_ros.tools.analyze.command import status
 from test.files.test_bag import RUN, START, STEP

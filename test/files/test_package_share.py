@@ -2,7 +2,7 @@
 
 import pytest
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files import package_share
 from test.conftest import CONFIG
 

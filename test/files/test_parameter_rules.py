@@ -2,7 +2,7 @@
 
 import pytest
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.parameter_rules import given_by
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.recording import read
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (

@@ -7,7 +7,7 @@ import yaml
 
 from impulse_control_ros.core.distributions import Distribution, DISTRIBUTIONS
 from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.files.sweep_config_file import difference, identity, read_study
 from test.conftest import CONFIG, ROOT

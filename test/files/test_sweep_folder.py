@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError, SweepError
 from impulse_control_ros.files import sweep_folder
-from impulse_control_ros.files.sweep_folder import SweepError, SweepFolder
+from impulse_control_ros.files.sweep_folder import SweepFolder
 
 UNITS = {'F_c': 'N', 'impulses': '', 'kind': ''}
 

@@ -8,14 +8,10 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.protocol import parse_state
+from impulse_control_ros.errors import MiddlewareError, UnreadableError
 from impulse_control_ros.files.cdr import FIELDS, JointStateLayout
 from impulse_control_ros.nodes import joint_state_io
-from impulse_control_ros.nodes.joint_state_io import (
-    JointStateReader,
-    MiddlewareError,
-    UnreadableError,
-    verified_layout,
-)
+from impulse_control_ros.nodes.joint_state_io import JointStateReader, verified_layout
 
 
 @pytest.mark.parametrize('joint', ['axis', 'a', 'elbow_7', 'gelenk_ä'])

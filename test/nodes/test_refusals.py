@@ -4,7 +4,7 @@ import pytest
 import rclpy
 import yaml
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.parameter_file import read_experiment
 from impulse_control_ros.nodes.controller import ControlGains
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator

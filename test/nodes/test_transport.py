@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.nodes.transport import (
     LOCALHOST_UDP,
     OWN_CHOICE,

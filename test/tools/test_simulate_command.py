@@ -18,9 +18,9 @@ import yaml
 from impulse_control_ros import __version__
 from impulse_control_ros.core import blocks
 from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.core.plant import DivergedError
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import stamp
+from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.bag import PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.parameter_event import encode_parameter_event

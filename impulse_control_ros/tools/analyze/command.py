@@ -15,8 +15,9 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.arguments import Parser, RUN_HELP, UsageError
+from impulse_control_ros.tools.arguments import Parser, RUN_HELP
 
 if TYPE_CHECKING:
     from impulse_control_ros.files.recording import Recording
@@ -111,7 +112,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     """
     import numpy as np
 
-    from impulse_control_ros.files.mcap_reader import BagError
+    from impulse_control_ros.errors import BagError
     from impulse_control_ros.files.recording import read
     from impulse_control_ros.tools.analyze.run import Run, settings_of
 

@@ -14,8 +14,9 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
+from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.arguments import Parser, UsageError
+from impulse_control_ros.tools.arguments import Parser
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

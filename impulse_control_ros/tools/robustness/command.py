@@ -12,11 +12,11 @@ import sys
 from matplotlib import rc_context
 import numpy as np
 
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.sweep_config import SweepConfig, units
+from impulse_control_ros.errors import ParameterError, SweepError
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.sweep_config_file import identity, read_study
-from impulse_control_ros.files.sweep_folder import SweepError, SweepFolder
+from impulse_control_ros.files.sweep_folder import SweepFolder
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.paper.command import DOCS_DPI, saved
 from impulse_control_ros.tools.paper.drawing import STYLE

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impulse_control_ros.core.parameter import ParameterError
 from impulse_control_ros.core.sweep_config import settling, SweepConfig
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
 
 CONTROLLERS = ('PD', 'PID', 'impulses', 'impulses and integral')  # impulses, then K_i, off and on

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 import math
 import re
 
-from impulse_control_ros.core.parameter import ParameterError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.tools.robustness.comparison import (
     Comparison,
     CONTROLLERS,
