@@ -6,7 +6,7 @@ from pathlib import Path
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
 from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 
 CONFIG = Path(__file__).parent.parent / 'config'
 FIGURES = {'fig2': 'underdamped.yaml', 'fig5': 'coulomb.yaml'}
@@ -46,8 +46,8 @@ class Case:
 
 def read_case(figure: str, seconds: float) -> Case:
     """Read the experiment of a figure."""
-    experiment = read_experiment(CONFIG / FIGURES[figure])
-    axis, controller = experiment.plant_simulator, experiment.controller
+    experiment = load_experiment(CONFIG / FIGURES[figure])
+    axis, controller = experiment.plant, experiment.gains
     return Case(
         m=axis.m,
         d=axis.damping.value,

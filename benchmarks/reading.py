@@ -33,8 +33,8 @@ from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
 )
-from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.recording import read_bag
 
 CONFIG = Path(__file__).parent.parent / 'config' / 'time_varying.yaml'
 TYPE, STEP = 'sensor_msgs/msg/JointState', 100_000
@@ -61,7 +61,7 @@ def messages(run: Run) -> Iterator[tuple[int, int, bytes]]:
 
 def written(folder: Path, samples: int) -> Path:
     """Write a bag of so many samples, and return it."""
-    experiment = read_experiment(CONFIG)
+    experiment = load_experiment(CONFIG)
     writer = BagWriter(folder / str(samples), 'zstd')
     for name in ('/joint_states', '/joint_commands'):
         writer.add_topic(Topic(name=name, type=TYPE, qos=()))
@@ -75,13 +75,11 @@ def written(folder: Path, samples: int) -> Path:
             ),
         )
         for node, parameters in (
-            ('/plant_simulator', experiment.plant_simulator),
-            (CONTROLLER, experiment.controller),
+            ('/plant_simulator', experiment.plant),
+            (CONTROLLER, experiment.gains),
         )
     )
-    series = messages(
-        simulate(experiment.plant_simulator, experiment.controller, (samples - 1) * STEP / SECOND)
-    )
+    series = messages(simulate(experiment.plant, experiment.gains, (samples - 1) * STEP / SECOND))
     while part := list(islice(series, 10_000)):  # what is given at once is held at once
         writer.write(part)
     writer.close()
@@ -96,7 +94,7 @@ def iterate(bag: Path) -> int:
 
 def count(bag: Path) -> int:
     """Count the messages that `read` gives."""
-    recording = read(bag)
+    recording = read_bag(bag)
     return len(recording.states) + len(recording.commands)
 
 

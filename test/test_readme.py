@@ -23,7 +23,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.parameter_table import document
 from test.conftest import BIN, ROOT, wait_for
 
@@ -205,7 +205,7 @@ def test_the_composed_run_of_the_readme_is_recorded_and_looked_at(shell):
     composed, *rest = [line for line in ros2('run') if line.split()[3] not in NODES]
     process = shell.start(composed)
     assert process.wait() == 0, process.output
-    assert len(read(runs / 'underdamped').states) == 20_001
+    assert len(read_bag(runs / 'underdamped').states) == 20_001
     others = {line.split()[3] + line.split()[-1]: shell.start(line) for line in rest}
     said = subprocess.run(
         [sys.executable, '-c', python_with('to_pandas').replace('runs/', '')],
@@ -254,7 +254,7 @@ def test_the_three_processes_of_the_readme_are_tuned_as_it_says(shell):
     shell.client.spin_until(lambda: shell.client.get('controller', 'x_r') == [0.2], 'x_r')
     for process in nodes:
         assert process.interrupt() == 0, process.output
-    run = read(shell.graph.folder / 'axis')
+    run = read_bag(shell.graph.folder / 'axis')
     assert run.recording_summary['missing'] == '0'
     assert (np.diff(run.states['stamp']) == 100_000).all()
 
@@ -293,7 +293,7 @@ def test_an_interrupted_demo_says_where_the_recording_is_and_finishes_it(tmp_pat
     assert demo.returncode == 1
     assert said.count('demo: interrupted') == 1
     assert 'Traceback' not in said
-    assert read(bag).recording_summary['missing'] == '0'
+    assert read_bag(bag).recording_summary['missing'] == '0'
 
 
 def test_the_python_of_the_readme_runs(tmp_path):

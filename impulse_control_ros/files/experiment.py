@@ -180,10 +180,10 @@ NODES: dict[str, type[Parameters]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """One complete parameter file."""
+    """The parameters of the three nodes; ``plant`` and ``gains`` are what `simulate` takes."""
 
-    plant_simulator: PlantParameters
-    controller: ControllerParameters
+    plant: PlantParameters
+    gains: ControllerParameters
     recorder: RecorderParameters
 
 

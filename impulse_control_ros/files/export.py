@@ -29,7 +29,7 @@ from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.files.recording import read, Recording
+from impulse_control_ros.files.recording import read_bag, Recording
 
 UNITS = {
     'time': 's',
@@ -45,7 +45,7 @@ UNITS = {
 }
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
-Bag = str | Path | Recording  # a folder or file, or what `read` has returned
+Bag = str | Path | Recording  # a folder or file, or what `read_bag` has returned
 
 
 def to_numpy(bag: Bag) -> np.ndarray:
@@ -113,7 +113,7 @@ def to_arrow(bag: Bag) -> Any:
 
 def sampled(bag: Bag) -> Recording:
     """Return a bag that has samples."""
-    run = bag if isinstance(bag, Recording) else read(bag)
+    run = bag if isinstance(bag, Recording) else read_bag(bag)
     if not len(run.states):
         name = 'the recording' if run is bag else f'bag {str(bag)!r}'
         raise BagError(f'{name} has no samples')

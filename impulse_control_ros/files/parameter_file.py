@@ -139,7 +139,7 @@ def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
     return _merged(_given_in(path))
 
 
-def read_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experiment:
+def load_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experiment:
     """
     Read ROS parameter files for the three nodes by their default names, in any namespace.
 
@@ -149,14 +149,12 @@ def read_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experi
     """
     values = _merged(chain(*map(_given_in, paths), besides))
     source = ', '.join([*map(str, paths), *['-p'] * bool(besides)])
-    experiment = Experiment(**{node: _built(source, node, values[node]) for node in NODES})
+    plant, gains, recorder = (_built(source, node, values[node]) for node in NODES)
     try:
-        require_agreement(
-            'plant_simulator', experiment.plant_simulator.flat(), experiment.controller.flat()
-        )
+        require_agreement('plant_simulator', plant.flat(), gains.flat())
     except ParameterError as error:
         raise ParameterError(f'{source}: controller: {error}') from None
-    return experiment
+    return Experiment(plant=plant, gains=gains, recorder=recorder)
 
 
 def _built(source: str, node: str, values: Mapping[str, Any]) -> Any:

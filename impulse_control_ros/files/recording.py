@@ -126,7 +126,7 @@ def storage_file(bag: str | Path) -> Path:
     return found[0]
 
 
-def read(bag: str | Path, run: str = '') -> Recording:
+def read_bag(bag: str | Path, run: str = '') -> Recording:
     """
     Read a bag, of several runs the longest one, or that with the name ``run``.
 

@@ -27,7 +27,7 @@ from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import described, Extent, SweepConfig
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.package_share import shipped_experiment
-from impulse_control_ros.files.parameter_file import read_experiment, read_mapping
+from impulse_control_ros.files.parameter_file import load_experiment, read_mapping
 
 EXTENT = ('duration', 'seed', 'runs')
 KEYS = ('experiment', *EXTENT, 'tolerances', 'vary')
@@ -46,13 +46,13 @@ def read_study(path: str | Path) -> SweepConfig:
             if key not in KEYS:
                 near = get_close_matches(str(key), KEYS, 1) or [', '.join(KEYS)]
                 raise ParameterError(f'{key}: a study has no such key; is {near[0]} meant?')
-        experiment = read_experiment(experiment_file(path, content.get('experiment')))
-        given = {'duration': experiment.plant_simulator.duration} | {
+        experiment = load_experiment(experiment_file(path, content.get('experiment')))
+        given = {'duration': experiment.plant.duration} | {
             key: content[key] for key in EXTENT if key in content
         }
         return SweepConfig(
-            axis=part(Plant, experiment.plant_simulator),
-            controller=part(ControlGains, experiment.controller),
+            axis=part(Plant, experiment.plant),
+            controller=part(ControlGains, experiment.gains),
             extent=build(Extent, given),
             tolerances=tolerances_of(content.get('tolerances', [1e-2, 1e-3])),
             vary=laws_of(content.get('vary')),

@@ -15,7 +15,7 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.topics import (
     DAMPING,
     IMPULSE_EVENTS,
@@ -130,7 +130,7 @@ def main(stop: StopRequest) -> int:
 
     def makers(options: argparse.Namespace) -> list[Maker]:
         # rcl would silently ignore a node that is not one of the three
-        read_experiment(
+        load_experiment(
             *(
                 path
                 for flag, path in zip(sys.argv, sys.argv[1:], strict=False)

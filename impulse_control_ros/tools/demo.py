@@ -18,7 +18,7 @@ from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.files.recording import read, Recording
+from impulse_control_ros.files.recording import read_bag, Recording
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.analyze.table import responses_of
 
@@ -97,7 +97,7 @@ def main() -> int:
         if status or interrupts:
             return status or 1
     try:
-        runs = [Run(name=case, path=bag, recording=read(bag)) for case, bag in bags.items()]
+        runs = [Run(name=case, path=bag, recording=read_bag(bag)) for case, bag in bags.items()]
     except BagError as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1

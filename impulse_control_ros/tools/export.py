@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         from impulse_control_ros.errors import BagError
         from impulse_control_ros.files.export import to_csv, to_parquet
-        from impulse_control_ros.files.recording import read
+        from impulse_control_ros.files.recording import read_bag
     except ModuleNotFoundError as error:
         return leave(
             f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             1,
         )
     try:
-        run = read(bag, options.run)
+        run = read_bag(bag, options.run)
         if not len(run.states):
             return leave(f'bag {str(bag)!r} has no samples', 2)
         rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)

@@ -140,11 +140,11 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     import numpy as np
 
     from impulse_control_ros.errors import BagError
-    from impulse_control_ros.files.recording import read
+    from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.bag_diff import difference, lines_of, same
     from impulse_control_ros.tools.resimulate import closed_loop, open_loop
 
-    recording, overrides = read(options.bag, options.run), overrides_of(options)
+    recording, overrides = read_bag(options.bag, options.run), overrides_of(options)
     if recording.unread is not None:
         print(
             f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '

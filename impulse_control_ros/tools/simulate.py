@@ -17,7 +17,7 @@ from impulse_control_ros.errors import BagError, DivergedError, ParameterError, 
 from impulse_control_ros.files.bag import BagWriter, describe_run, require_definitions, Topic
 from impulse_control_ros.files.experiment import Experiment, PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.run_messages import RunMessages
 from impulse_control_ros.files.topics import (
@@ -78,10 +78,10 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
     try:
         options = parse(arguments)
-        experiment = read_experiment(
+        experiment = load_experiment(
             *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
         )
-        require_end(experiment.plant_simulator)
+        require_end(experiment.plant)
         require_definitions([*SERIES.values(), FLOAT64])
         writer = BagWriter(options.bag, experiment.recorder.compression)
     except (UsageError, ParameterError, BagError) as error:
@@ -110,12 +110,12 @@ def require_end(plant: PlantParameters) -> None:
 
 def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> int:
     """Fill and finish the bag, and report the outcome; returns the exit status."""
-    plant, began = experiment.plant_simulator, monotonic()
+    plant, began = experiment.plant, monotonic()
     start_ns, count = plant.start_ns(0), ticks(plant.duration, plant.time_step) + 1
     seconds, why = 0.0, ''
     try:
         messages = begin_run(experiment, writer, start_ns)
-        samples = blocks_of(plant, experiment.controller, count, start_ns)
+        samples = blocks_of(plant, experiment.gains, count, start_ns)
         with simulated_time(plant.duration) as bar:
             for block in ahead(messages.block(*some) for some in samples):
                 writer.write_block(block)
@@ -143,7 +143,7 @@ def simulate(experiment: Experiment, writer: BagWriter, stop: StopRequest) -> in
 def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMessages:
     """Write the topics and the parameters, which precede the samples of a run."""
     # closed_loop makes the plant wait for its recorder
-    plant = replace(experiment.plant_simulator, wait_for_recorder=True)
+    plant = replace(experiment.plant, wait_for_recorder=True)
     header = StateHeader(new_run(), 0, new_id(CONTROLLER))
     types = dict(SERIES)
     if {DAMPING, f'/{DAMPING}'} & set(experiment.recorder.topics):
@@ -164,7 +164,7 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
                 {},
             ),
         )
-        for node, parameters in ((PLANT, plant), (header.controller, experiment.controller))
+        for node, parameters in ((PLANT, plant), (header.controller, experiment.gains))
     )
     return RunMessages(
         header,

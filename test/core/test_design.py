@@ -33,7 +33,7 @@ from impulse_control_ros.core.nonidealities import Actuator, Payload, Sensor
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.stribeck import Stribeck
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from test.conftest import CONFIG
 
 PD = ControlGains(impulses=False)
@@ -258,11 +258,11 @@ def test_an_encoder_shows_no_error_between_its_steps():
     # a set-point between two steps: 1.6 of them, on one side
     assert (noted(0.59, 0.4 * q), noted(0.61, 0.4 * q)) == (False, True)
     assert (noted(0.59, 7.6 * q), noted(0.61, 7.6 * q)) == (False, True)
-    experiment = read_experiment(CONFIG / 'encoder.yaml')
+    experiment = load_experiment(CONFIG / 'encoder.yaml')
     for F_c, storms in ((1.14, False), (1.16, True)):
-        axis = replace(experiment.plant_simulator, F_c=F_c)
-        assert (said(Level.NOTE, experiment.controller, axis) != []) == storms
-        assert (at_rest(axis, experiment.controller) > 0) == storms
+        axis = replace(experiment.plant, F_c=F_c)
+        assert (said(Level.NOTE, experiment.gains, axis) != []) == storms
+        assert (at_rest(axis, experiment.gains) > 0) == storms
 
 
 def test_an_effort_limit_within_the_friction_is_an_error():
@@ -375,8 +375,8 @@ def test_a_velocity_by_difference_of_encoder_steps_is_a_warning():
 
 
 def test_the_encoder_experiment_has_no_findings():
-    experiment = read_experiment(CONFIG / 'encoder.yaml')
-    assert check_gains(experiment.controller, experiment.plant_simulator) == []
+    experiment = load_experiment(CONFIG / 'encoder.yaml')
+    assert check_gains(experiment.gains, experiment.plant) == []
 
 
 def test_an_integral_gain_that_is_unstable_without_damping_is_a_warning():

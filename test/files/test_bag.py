@@ -23,7 +23,7 @@ from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
 )
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
@@ -192,7 +192,7 @@ def test_what_is_written_is_read(tmp_path):
     writer.write([(START, 4, encode_parameter_event(1, 0, f'run:{RUN} {AUTHOR}', values, {}))])
     writer.write(entries(300))
     writer.close({'missing': '0'})
-    run = read(tmp_path / 'run')
+    run = read_bag(tmp_path / 'run')
     assert np.array_equal(run.states['stamp'], START + np.arange(300) * STEP)
     assert list(run.states['position']) == [0.5 / (k + 1) for k in range(300)]
     assert list(run.commands['effort']) == [5.0 * k for k in range(300)]
@@ -264,7 +264,7 @@ def test_a_bag_that_does_not_fit_is_finished_with_the_messages_that_do(
         == statistics.message_count
         == content['rosbag2_bagfile_information']['message_count']
     )
-    recording_summary = read(folder).recording_summary
+    recording_summary = read_bag(folder).recording_summary
     assert recording_summary['messages'] == str(len(got))
     assert (recording_summary.get('full') == 'File too large') == (len(got) < len(given_messages))
     assert (folder / 'run_0.mcap').stat().st_size > size - 1.2 * CHUNK_SIZE - 200_000 or (
@@ -296,7 +296,7 @@ def test_a_file_cut_off_anywhere_reads_up_to_its_last_whole_chunk(
     length = 8 + int(fraction * (whole.stat().st_size - 9))
     path = Path(tmp_path_factory.mktemp('cut'), 'cut.mcap')
     path.write_bytes(whole.read_bytes()[:length])
-    run = read(path)
+    run = read_bag(path)
     count = len(run.states)
     assert np.array_equal(run.states['stamp'], START + np.arange(count) * STEP)
     per_sample = 84 + 60 + 2 * 31 + 2 * 16
@@ -309,7 +309,7 @@ def test_a_flipped_byte_in_a_finished_bag_is_found(tmp_path):
     content[content.index(b'axis', len(content) // 2) + 18] ^= 0x10  # a bit of a position
     path.write_bytes(content)
     with pytest.raises(BagError, match='run_0.mcap'):
-        read(path)
+        read_bag(path)
 
 
 @pytest.mark.parametrize('content', [b'', b'no bag at all', b'\x89MCAP0\r\n'[:5]])
@@ -317,7 +317,7 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path, content):
     path = tmp_path / 'thing.mcap'
     path.write_bytes(content)
     with pytest.raises(BagError, match='thing.mcap'):
-        read(path)
+        read_bag(path)
 
 
 def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
@@ -325,7 +325,7 @@ def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
     writer.write([(START, writer.add_topic(topic('/elsewhere')), STATE.encode(1, 0, 0, 0, 0))])
     writer.close()
     with pytest.raises(BagError, match='no joint_states .* among its topics /elsewhere'):
-        read(tmp_path / 'run')
+        read_bag(tmp_path / 'run')
 
 
 @pytest.mark.parametrize('chunked', [True, False])
@@ -346,11 +346,11 @@ def test_a_bag_of_another_writer_is_read_in_the_order_of_time(tmp_path, chunked)
         for stamp, number, raw in sorted(entries(500), key=lambda entry: entry[0] // 10**7 % 2):
             writer.add_message(channels[number], stamp, raw, stamp)
         writer.finish()
-    run, ours = read(path), read(finished(tmp_path / 'run', 500))
+    run, ours = read_bag(path), read_bag(finished(tmp_path / 'run', 500))
     for name in ('states', 'commands', 'impulses'):
         assert getattr(run, name).tobytes() == getattr(ours, name).tobytes()
 
 
 def test_a_folder_without_a_file_is_refused(tmp_path):
     with pytest.raises(BagError, match='0 .mcap files'):
-        read(tmp_path)
+        read_bag(tmp_path)

@@ -22,7 +22,7 @@ from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.protocol import parse_command, parse_node, parse_state
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.parameter_event import FIELDS as VALUES
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.conftest import BIN
 
 
@@ -244,7 +244,7 @@ def bits(row):
 
 
 def assert_same_bits(rows, bag):
-    run = read(bag)
+    run = read_bag(bag)
     assert len(run.states) == len(run.commands) > 1000
     assert run.lacks == []
     assert rows['joint_states'] == [
@@ -309,7 +309,7 @@ def test_the_publish_time_of_a_message_is_its_stamp(bag, path):
                 told.append((message.publish_time, nanoseconds(decoded.stamp)))
             elif channel.topic.endswith('/damping'):
                 damping.append(message.publish_time)
-    run = read(bag)
+    run = read_bag(bag)
     assert damping == list(run.damping['stamp'])
     assert told == [(change.stamp, change.stamp) for change in run.history]
 

@@ -6,7 +6,7 @@ import yaml
 from impulse_control_ros.core.parameter import declared
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import axis_of, NODES, PlantParameters
-from impulse_control_ros.files.parameter_file import flattened, read_experiment
+from impulse_control_ros.files.parameter_file import flattened, load_experiment
 from test.conftest import CONFIG
 
 FILES = sorted(CONFIG.glob('*.yaml'))
@@ -14,7 +14,7 @@ FILES = sorted(CONFIG.glob('*.yaml'))
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
 def test_every_experiment_is_complete_and_has_nothing_else(path):
-    read_experiment(path)
+    load_experiment(path)
     content = yaml.safe_load(path.read_text())
     for node, kind in NODES.items():
         given = set(flattened(content[f'/**/{node}']['ros__parameters']))
@@ -24,8 +24,8 @@ def test_every_experiment_is_complete_and_has_nothing_else(path):
 
 def test_plant_and_controller_agree_in_every_experiment():
     for path in FILES:
-        experiment = read_experiment(path)
-        plant, controller = experiment.plant_simulator, experiment.controller
+        experiment = load_experiment(path)
+        plant, controller = experiment.plant, experiment.gains
         assert (plant.m, plant.time_step, plant.joint_name) == (
             controller.m,
             controller.time_step,
@@ -50,7 +50,7 @@ def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
     path = tmp_path / 'wrong.yaml'
     path.write_text(text)
     with pytest.raises(ParameterError) as refused:
-        read_experiment(path)
+        load_experiment(path)
     assert said in str(refused.value)
     assert 'wrong.yaml' in str(refused.value)
     assert '\n' not in str(refused.value)
@@ -59,7 +59,7 @@ def test_a_wrong_file_is_refused_by_name(tmp_path, text, said):
 def test_a_node_is_known_in_any_namespace(tmp_path):
     path = tmp_path / 'namespaced.yaml'
     path.write_text('/arm/controller:\n  ros__parameters:\n    K: 3.0\n')
-    assert read_experiment(path).controller.K == 3.0
+    assert load_experiment(path).gains.K == 3.0
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_node_is_known_in_any_namespace(tmp_path):
 def test_what_ros_takes_is_taken(tmp_path, text):
     path = tmp_path / 'legal.yaml'
     path.write_text(text)
-    assert (3.0 if 'K: 3.0' in text else 10.0) == read_experiment(path).controller.K
+    assert (3.0 if 'K: 3.0' in text else 10.0) == load_experiment(path).gains.K
 
 
 @pytest.mark.parametrize(('name', 'value'), [('time_step', 0.001), ('joint_name', 'elbow')])
@@ -83,7 +83,7 @@ def test_a_controller_for_another_plant_is_refused(tmp_path, name, value):
     with pytest.raises(
         ParameterError, match=f'controller: invalid {name} = .* that of plant_simulator'
     ):
-        read_experiment(path)
+        load_experiment(path)
 
 
 @pytest.mark.parametrize(
@@ -97,18 +97,18 @@ def test_stamps_that_ros_cannot_hold_are_refused(tmp_path, values, said):
     path = tmp_path / 'late.yaml'
     path.write_text(f'plant_simulator:\n  ros__parameters: {{{values}}}\n')
     with pytest.raises(ParameterError, match=said):
-        read_experiment(path)
+        load_experiment(path)
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ParameterError, match='nowhere.yaml'):
-        read_experiment(tmp_path / 'nowhere.yaml')
+        load_experiment(tmp_path / 'nowhere.yaml')
 
 
 def test_numbers_are_read_as_ros_reads_them(tmp_path):
     path = tmp_path / 'short.yaml'
     path.write_text('controller:\n  ros__parameters:\n    position_deadband: 1e-4\n    K: 12\n')
-    controller = read_experiment(path).controller
+    controller = load_experiment(path).gains
     assert (controller.position_deadband, controller.K) == (1e-4, 12.0)
 
 

@@ -11,7 +11,7 @@ from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_parquet, UNITS
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import begun, COMMAND, EVENT, STATE
 
 NUMBERS = (
@@ -33,7 +33,7 @@ def bag(request, recorded):
 
 @pytest.fixture(scope='module')
 def run(bag):
-    return read(bag)
+    return read_bag(bag)
 
 
 @pytest.fixture(scope='module')

@@ -17,7 +17,7 @@ from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
     TYPE as PARAMETER_EVENT,
 )
-from impulse_control_ros.files.recording import read, Recording
+from impulse_control_ros.files.recording import read_bag, Recording
 from test.files.test_bag import AUTHOR, entries, finished, RUN, START
 
 LAYOUTS = [
@@ -150,7 +150,7 @@ def test_a_bag_with_wrong_bytes_is_refused_by_name_or_read(bag, tmp_path_factory
     path.write_bytes(data.draw(mutated(bag)))
     said = None
     try:
-        assert isinstance(read(path), Recording)
+        assert isinstance(read_bag(path), Recording)
     except BagError as error:
         said = str(error)
     finally:

@@ -7,7 +7,7 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files import joint_state_arrays
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import status
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (
@@ -33,16 +33,14 @@ def made():
 
 @pytest.fixture(scope='module')
 def run(made):
-    return simulate(made.plant_simulator, made.controller, 0.3)
+    return simulate(made.plant, made.gains, 0.3)
 
 
 @pytest.fixture(params=[RUN, ''], ids=['our plant', 'foreign plant'])
 def bag(request, tmp_path, made, run):
     """Return a bag in which every 50th state comes twice, and states come late, out of order."""
     begun = all_told(made, request.param)[0 if request.param else 1 :]
-    changed = told(
-        CONTROLLER, {**made.controller.flat(), 'x_r': 0.1}, ['x_r'], 1500, request.param
-    )
+    changed = told(CONTROLLER, {**made.gains.flat(), 'x_r': 0.1}, ['x_r'], 1500, request.param)
     messages = []
     for at, (time, name, kind, raw) in enumerate(
         sent([*begun, *entries(run, run=request.param), changed])
@@ -53,7 +51,7 @@ def bag(request, tmp_path, made, run):
 
 
 def test_the_messages_of_another_recorder_stand_at_their_stamps_each_once(bag, run):
-    recording = read(bag)
+    recording = read_bag(bag)
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert (recording.states['position'] == run.position).all()
     assert (recording.commands['effort'] == run.effort).all()
@@ -62,24 +60,24 @@ def test_the_messages_of_another_recorder_stand_at_their_stamps_each_once(bag, r
 
 
 def test_damping_belongs_to_the_state_that_was_sent_before_it(bag, run):
-    recording = read(bag)
+    recording = read_bag(bag)
     ticks = (recording.damping['stamp'] - recording.states['stamp'][0]) // STEP
     assert (ticks == np.arange(10, len(run.time), 10)).all()
     assert (recording.damping['damping'] == run.damping[ticks - 1]).all()
 
 
 def test_a_change_of_parameters_acts_at_its_stamp_whenever_it_came(bag, made):
-    recording = read(bag)
+    recording = read_bag(bag)
     (change,) = recording.changes
     assert (change.stamp, change.node) == (START + 1500 * STEP, '/controller')
     assert (change.changed, change.anew) == ({'x_r': 0.1}, False)
-    assert change.values == {**made.controller.flat(), 'x_r': 0.1}
-    assert recording.parameters['/controller'] == made.controller.flat()
+    assert change.values == {**made.gains.flat(), 'x_r': 0.1}
+    assert recording.parameters['/controller'] == made.gains.flat()
     assert ('/plant_simulator' in recording.parameters) == bool(recording.run)
 
 
 def test_a_start_is_told_for_our_plant_alone(bag):
-    recording = read(bag)
+    recording = read_bag(bag)
     assert np.flatnonzero(recording.states['is_reset']).tolist() == [0] * bool(recording.run)
 
 
@@ -100,7 +98,7 @@ def test_a_bag_of_another_joint_is_refused_by_name(tmp_path):
             tmp_path / f'bag{len(raw)}', [(WALL, '/joint_states', TYPES[STATES], raw)]
         )
         with pytest.raises(BagError, match="no joint_states of joint 'axis' among its topics"):
-            read(bag)
+            read_bag(bag)
 
 
 @pytest.mark.parametrize('controller', [True, False])
@@ -113,14 +111,14 @@ def test_the_joint_is_found_that_a_controller_tells_however_late(tmp_path, contr
     ]
     if controller:
         messages.append(told(CONTROLLER, {'joint_name': 'lift'}, run=''))
-    states = read(recorded_elsewhere(tmp_path / 'bag', sent(messages))).states
+    states = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages))).states
     # the others are written as 0
     assert states['position'].tolist() == [float(k % 2 != controller) for k in range(20_000)]
 
 
 def test_our_run_of_another_joint_needs_no_parameters(tmp_path):
     layout = JointStateLayout('lift', f'run:{RUN}.0')
-    states = read(
+    states = read_bag(
         recorded_elsewhere(
             tmp_path / 'bag',
             sent((START, STATES, layout.encode(1, k, 0.5, 0.0, 0.0)) for k in range(1, 4)),
@@ -149,7 +147,7 @@ def test_the_time_to_read_grows_with_the_bag_and_not_with_its_square(tmp_path, m
             ),
         )
         looked_at.clear()
-        assert read(bag).states['position'].tolist() == list(range(count))
+        assert read_bag(bag).states['position'].tolist() == list(range(count))
         assert (
             sum(looked_at)
             <= (joint_state_arrays.KEPT + min(2 * different, joint_state_arrays.WORTH)) * count

@@ -3,7 +3,7 @@
 import pytest
 
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.parameter_rules import given_by
 
 ONE = """
@@ -27,9 +27,7 @@ def files(tmp_path):
 
 
 def controller_of(*paths, rules=()):
-    return read_experiment(
-        *paths, besides=[one for rule in rules for one in given_by(rule)]
-    ).controller
+    return load_experiment(*paths, besides=[one for rule in rules for one in given_by(rule)]).gains
 
 
 @pytest.mark.parametrize(
@@ -52,8 +50,8 @@ def test_the_last_value_of_a_key_and_the_last_key_count(files, order, rules, exp
 
 
 def test_a_rule_without_a_node_is_for_each_that_has_the_parameter(files):
-    made = read_experiment(files[0], besides=given_by('time_step:=2e-4'))
-    assert made.plant_simulator.time_step == made.controller.time_step == 2e-4
+    made = load_experiment(files[0], besides=given_by('time_step:=2e-4'))
+    assert made.plant.time_step == made.gains.time_step == 2e-4
     assert [node for _, node, _ in given_by('damping.kind:=noise')] == ['plant_simulator']
 
 

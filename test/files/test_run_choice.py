@@ -8,7 +8,7 @@ import pytest
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (
     all_told,
@@ -39,13 +39,13 @@ def made():
 
 @pytest.fixture(scope='module')
 def short(made):
-    return simulate(made.plant_simulator, made.controller, 0.02)
+    return simulate(made.plant, made.gains, 0.02)
 
 
 @pytest.fixture(scope='module')
 def long(made):
-    start = replace(made.plant_simulator, x_0=0.4)
-    return simulate(start, made.controller, 0.03)
+    start = replace(made.plant, x_0=0.4)
+    return simulate(start, made.gains, 0.03)
 
 
 def is_of(recording, run):
@@ -77,22 +77,22 @@ def restarted(tmp_path, made, short, long):
 
 
 def test_the_longest_of_several_runs_is_read_and_the_others_are_counted(restarted, short, long):
-    recording = read(restarted)
+    recording = read_bag(restarted)
     assert (recording.run, is_of(recording, long)) == (OTHER_RUN, True)
     assert recording.lacks == [f'run {RUN} is left out ({2 * 201 + len(short.events)} messages)']
     assert recording.states['is_reset'].tolist() == [True] + [False] * 300
 
 
 def test_a_run_is_read_by_its_name(restarted, short):
-    recording = read(restarted, RUN)
+    recording = read_bag(restarted, RUN)
     assert (recording.run, is_of(recording, short)) == (RUN, True)
     with pytest.raises(BagError, match=f'run none is not in it; its runs: {RUN}, {OTHER_RUN}'):
-        read(restarted, 'none')
+        read_bag(restarted, 'none')
 
 
 def test_damping_is_that_of_the_run(tmp_path):
     made = experiment('time_varying')
-    runs = [simulate(made.plant_simulator, made.controller, seconds) for seconds in (0.02, 0.03)]
+    runs = [simulate(made.plant, made.gains, seconds) for seconds in (0.02, 0.03)]
     bag = recorded_elsewhere(
         tmp_path / 'bag',
         (
@@ -102,7 +102,7 @@ def test_damping_is_that_of_the_run(tmp_path):
         ),
     )
     for run, name in zip(runs, (RUN, OTHER_RUN), strict=True):
-        damping = read(bag, name).damping
+        damping = read_bag(bag, name).damping
         ticks = (damping['stamp'] - START) // STEP
         assert ticks.tolist() == list(range(10, len(run.time), 10))
         assert (damping['damping'] == run.damping[ticks - 1]).all()
@@ -112,7 +112,7 @@ def test_damping_is_that_of_the_run(tmp_path):
 def test_a_second_plant_on_the_topic_is_left_out(tmp_path, made, short, long, other):
     writer = begun(tmp_path / 'bag', made)
     writer.write(sorted([*entries(short), *entries(long, run=other)], key=lambda one: one[0]))
-    recording = read(finished(writer))
+    recording = read_bag(finished(writer))
     assert (recording.run, is_of(recording, short)) == (RUN, True)
     count = 2 * 301 + len(long.events) if other else 301
     name = f'run {other}' if other else 'a foreign plant'
@@ -134,7 +134,7 @@ def test_a_foreign_plant_whose_time_goes_back_has_two_runs(tmp_path, shift, long
         for number, count in enumerate(counts)
         for k in range(count)
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.states['position'].tolist() == [longest] * 80
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert recording.lacks == [
@@ -153,9 +153,9 @@ def test_two_foreign_plants_are_told_apart_by_their_namespace_alone(tmp_path):
         BagError,
         match="joint 'axis' has states in the namespaces /left, /right: choose one with --run",
     ):
-        read(bag)
+        read_bag(bag)
     for name, position in (('/left', 0.0), ('/right', 1.0)):
-        assert read(bag, name).states['position'].tolist() == [position] * 50
+        assert read_bag(bag, name).states['position'].tolist() == [position] * 50
 
 
 # -- controllers ------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def test_of_two_commands_the_one_counts_whose_author_the_next_state_names(tmp_pa
         command(1, 4.0),
         event(1, 3.0, OTHER),
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     # behind the last state nothing tells but that itself
     assert recording.commands['effort'].tolist() == [1.0, 4.0]
     assert recording.impulses['area'].tolist() == [1.0]
@@ -195,7 +195,7 @@ def test_of_two_commands_the_one_counts_whose_author_the_next_state_names(tmp_pa
 @pytest.mark.parametrize('turned', [False, True])
 def test_of_two_commands_the_first_counts_where_no_state_tells(tmp_path, turned):
     rivals = [command(0, 1.0), command(0, 2.0, OTHER)]
-    recording = read(
+    recording = read_bag(
         recorded_elsewhere(
             tmp_path / 'bag', sent([state(0, run=RUN), *(rivals[::-1] if turned else rivals)])
         )
@@ -217,7 +217,7 @@ def test_the_commands_of_a_foreign_controller_count_while_the_states_say_so(tmp_
         command(3, 9.0, run=''),
         command(3, 4.0),
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.commands['effort'].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert 'the parameters of a foreign controller are missing' in recording.lacks
 
@@ -225,21 +225,21 @@ def test_the_commands_of_a_foreign_controller_count_while_the_states_say_so(tmp_
 def test_a_controller_that_tells_its_parameters_and_stands_by_has_none_in_the_run(
     tmp_path, made, short
 ):
-    other = replace(made.controller, K=99.0)
+    other = replace(made.gains, K=99.0)
     messages = [
         *all_told(made),
         told(OTHER, other.flat()),
         *entries(short),
         told(OTHER, other.flat(), ['K'], 100),
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert [change.node for change in recording.history] == [PLANT, '/controller']
     assert recording.lacks == []
 
 
 def test_parameters_of_other_nodes_stay_readable(tmp_path):
     messages = [told(PLANT, {'mass': 1.0}), told(CONTROLLER, {'gain': 3}), state(0, run=RUN)]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.parameters == {PLANT: {'mass': 1.0}, '/controller': {'gain': 3}}
 
 
@@ -248,7 +248,7 @@ def test_parameters_of_other_nodes_stay_readable(tmp_path):
 
 def test_a_reset_is_another_episode(tmp_path):
     messages = [told(PLANT, {'m': 1.0}), *(state(k, run=RUN, episode=k // 4) for k in range(12))]
-    states = read(recorded_elsewhere(tmp_path / 'bag', sent(messages))).states
+    states = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages))).states
     assert np.flatnonzero(states['is_reset']).tolist() == [0, 4, 8]
 
 
@@ -262,7 +262,7 @@ def test_without_parameters_the_first_state_tells_whether_the_run_begins_with_it
     bag = recorded_elsewhere(
         tmp_path / 'bag', sent([state(k, run=RUN, episode=episode, controller=controller)])
     )
-    assert read(bag).states['is_reset'].tolist() == [is_reset]
+    assert read_bag(bag).states['is_reset'].tolist() == [is_reset]
 
 
 def test_a_change_before_the_first_state_belongs_to_the_start(tmp_path):
@@ -273,7 +273,7 @@ def test_a_change_before_the_first_state_belongs_to_the_start(tmp_path):
         told(CONTROLLER, {**values, 'K': 3.0}, ['K'], 8),
         *(state(k, run=RUN, controller=CONTROLLER) for k in range(7, 12)),
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.parameters == {'/controller': {'K': 2.0, 'D': 2.0}}
     (change,) = recording.changes
     assert (change.stamp, change.changed) == (START + 8 * STEP, {'K': 3.0})
@@ -287,7 +287,7 @@ def test_who_begins_to_act_in_mid_run_is_a_change(tmp_path):
         *(state(k, run=RUN, controller=CONTROLLER) for k in range(4)),
         *(command(k, 0.0, CONTROLLER if k < 2 else OTHER) for k in range(4)),
     ]
-    recording = read(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
+    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
     assert recording.parameters == {'/controller': values, '/other': values}
     assert [(change.stamp, change.node, change.anew) for change in recording.changes] == [
         (START + 2 * STEP, '/other', True)
@@ -349,27 +349,23 @@ def test_what_a_bag_lacks_is_said_whoever_recorded_it(
         bag = recorded_elsewhere(
             tmp_path / 'bag', sent(without([*all_told(made), *entries(short)], *unwanted))
         )
-    assert read(bag).lacks == lacks
+    assert read_bag(bag).lacks == lacks
 
 
 def test_a_free_run_need_not_answer_every_state(tmp_path, made, short):
-    free = replace(
-        made, plant_simulator=replace(made.plant_simulator, lockstep=False, real_time_factor=1.0)
-    )
+    free = replace(made, plant=replace(made.plant, lockstep=False, real_time_factor=1.0))
     bag = recorded_elsewhere(
         tmp_path / 'bag', sent([*all_told(free), *without(entries(short), (COMMANDS, 3))])
     )
-    assert read(bag).lacks == []
+    assert read_bag(bag).lacks == []
 
 
 def test_the_first_commands_of_a_free_run_are_missed(tmp_path, made, short):
-    free = replace(
-        made, plant_simulator=replace(made.plant_simulator, lockstep=False, real_time_factor=1.0)
-    )
+    free = replace(made, plant=replace(made.plant, lockstep=False, real_time_factor=1.0))
     bag = recorded_elsewhere(
         tmp_path / 'bag',
         sent([*all_told(free), *without(entries(short), (COMMANDS, 0), (COMMANDS, 1))]),
     )
-    assert read(bag).lacks == [
+    assert read_bag(bag).lacks == [
         'the first commands of /controller are missing; it started at 1.000000000 s'
     ]

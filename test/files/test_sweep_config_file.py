@@ -8,7 +8,7 @@ import yaml
 from impulse_control_ros.core.distributions import Distribution, DISTRIBUTIONS
 from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.sweep_config_file import difference, identity, read_study
 from test.conftest import CONFIG, ROOT
 
@@ -37,13 +37,13 @@ def test_every_study_of_ours_can_be_read(path):
 
 def test_a_study_is_what_its_file_says(tmp_path):
     study = read(tmp_path)
-    coulomb = read_experiment(CONFIG / 'coulomb.yaml')
+    coulomb = load_experiment(CONFIG / 'coulomb.yaml')
     assert (study.extent.duration, study.extent.seed, study.extent.runs) == (0.5, 4, 20)
     assert study.tolerances == (1e-2,)
     assert study.vary == {'F_c': Distribution(kind='uniform', arguments=(0, 1.5))}
-    assert study.axis.x_0 == coulomb.plant_simulator.x_0
-    assert study.axis.damping == coulomb.plant_simulator.damping
-    told = coulomb.controller.flat()
+    assert study.axis.x_0 == coulomb.plant.x_0
+    assert study.axis.damping == coulomb.plant.damping
+    told = coulomb.gains.flat()
     assert study.controller.flat() == {name: told[name] for name in ControlGains().flat()}
 
 

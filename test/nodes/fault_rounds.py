@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.client import Client
 from test.nodes.long_run import long_run
 from test.nodes.runs import assert_replays, assert_simulated, assert_whole, NODES, Run, STEP
@@ -78,9 +78,9 @@ def kill_round(graph, client, victim, rng):
     assert_whole(recording)
     again = first.with_name(f'{first.name}-2')
     if again.exists():
-        assert_simulated(read(again))
-        assert_whole(read(again))
-    assert len(read(again if again.exists() else first).states) == round(DURATION / 1e-4) + 1
+        assert_simulated(read_bag(again))
+        assert_whole(read_bag(again))
+    assert len(read_bag(again if again.exists() else first).states) == round(DURATION / 1e-4) + 1
     return 0
 
 
@@ -92,7 +92,7 @@ def assert_joined(recording, killed):
     commands = recording.commands['stamp']
     assert np.array_equal(commands, np.arange(commands[0], last + 1, STEP))
     if killed and (killed / f'{killed.name}_0.mcap').stat().st_size > 100_000:
-        assert (np.diff(read(killed).states['stamp']) == STEP).all()
+        assert (np.diff(read_bag(killed).states['stamp']) == STEP).all()
     return int(recording.recording_summary['missing'])
 
 

@@ -12,8 +12,8 @@ import yaml
 from impulse_control_ros.core.protocol import name_of, parse_state
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools import replay
 from test.processes import CONFIG
 
@@ -100,7 +100,7 @@ class Run:
         for process in (self.plant, self.recorder, self.controller):
             assert process.interrupt() == 0, process.output
             assert 'Traceback' not in process.output
-        return read(self.bag)
+        return read_bag(self.bag)
 
 
 def composed(graph, config=UNDERDAMPED, arguments=(), **parameters):
@@ -146,11 +146,11 @@ def assert_whole(run, start=START):
 
 def assert_simulated(run, config=UNDERDAMPED, **plant):
     """Assert that a run is that of simulate(), to the last bit, as far as it goes."""
-    made = read_experiment(
+    made = load_experiment(
         config, besides=[('/plant_simulator', 'plant_simulator', plant)] if plant else ()
     )
     count = len(run.states)
-    alone = simulate(made.plant_simulator, made.controller, (count - 1) * STEP / SECOND)
+    alone = simulate(made.plant, made.gains, (count - 1) * STEP / SECOND)
     answered = len(run.commands)
     events = alone.events[alone.events['tick'] < answered]
     assert count > 1

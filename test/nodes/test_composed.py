@@ -5,7 +5,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros.core.protocol import parse_node, parse_state
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_simulated,
@@ -41,11 +41,11 @@ def test_a_composed_run_takes_nothing_from_the_graph_and_is_recorded_from_outsid
     assert client.node.count_subscribers('/joint_states') == 2
     assert recorder.interrupt() == 0, recorder.output
     assert process.interrupt() == 0, process.output
-    inside = read(graph.folder / 'bag')
+    inside = read_bag(graph.folder / 'bag')
     assert_whole(inside)
     assert_simulated(inside)
     assert_replays(graph.folder / 'bag')
-    found = read(graph.folder / 'outside')
+    found = read_bag(graph.folder / 'outside')
     assert found.recording_summary['missing'] == '0'
     assert found.run == inside.run
     assert stamp_of(states[begun]) in found.states['stamp']
@@ -85,8 +85,8 @@ def test_a_composed_run_goes_on_when_peers_outside_are_killed(graph, client):
     before = stamp_of(states[-1])
     client.spin_until(lambda: stamp_of(states[-1]) > before + 10**9 // 10, 'states')
     assert process.interrupt() == 0, process.output
-    assert_whole(read(graph.folder / 'bag'))
-    assert_simulated(read(graph.folder / 'bag'))
+    assert_whole(read_bag(graph.folder / 'bag'))
+    assert_simulated(read_bag(graph.folder / 'bag'))
 
 
 def test_composed_nodes_that_do_not_fit_are_refused_and_leave_no_bag(graph):
@@ -101,7 +101,7 @@ def test_a_loop_that_diverges_ends_with_the_reason_and_a_finished_bag(graph):
     assert process.wait() == 1
     assert 'diverged' in process.output
     assert 'Traceback' not in process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert run.recording_summary['missing'] == '0'
     assert np.isfinite(run.states['position']).all()
 
@@ -122,7 +122,7 @@ def test_real_time_factor_holds_simulated_time_to_the_wall_clock(graph):
         graph, **{'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.5}
     )
     assert process.wait() == 0, process.output
-    assert float(read(graph.folder / 'bag').recording_summary['wall_seconds']) > 0.36
+    assert float(read_bag(graph.folder / 'bag').recording_summary['wall_seconds']) > 0.36
 
 
 def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):
@@ -136,5 +136,5 @@ def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):
     )
     assert process.wait() == 0, process.output
     assert 'EventsExecutor' in process.output
-    assert len(read(graph.folder / 'bag').states) == 1001
-    assert_whole(read(graph.folder / 'bag'))
+    assert len(read_bag(graph.folder / 'bag').states) == 1001
+    assert_whole(read_bag(graph.folder / 'bag'))

@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.protocol import FOREIGN, parse_command, parse_state
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_whole,
@@ -47,7 +47,7 @@ def test_of_two_controllers_that_start_at_once_one_acts_and_the_other_is_silent(
     assert plant.totals['accepted'] == 501
     for process in (recorder, *controllers):
         assert process.interrupt() == 0, process.output
-    run = read(bag)
+    run = read_bag(bag)
     assert len(run.commands) == 501
     assert_whole(run)
     assert_replays(bag)
@@ -175,7 +175,7 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     client.spin_until(lambda: not controller.running, 'the end of the controller')
     assert controller.wait() == 0, controller.output
     assert recorder.interrupt() == 0
-    run = read(bag)
+    run = read_bag(bag)
     assert len(run.states) == len(run.commands) == 5001
     assert_whole(run)
     assert [change.anew for change in run.controllers] == [True, True]

@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.fault_rounds import kill_round, stop_round
 from test.nodes.long_run import long_run
 from test.nodes.runs import assert_replays, NODES
@@ -26,7 +26,7 @@ def test_a_composed_run_with_faults_from_outside_loses_no_sample(graph, client):
     bag, done = long_run(graph, client, 14, random.Random(1), seconds=1.0)
     assert len(done) == 7
     assert sum(done.values()) == 14
-    started = read(bag).states
+    started = read_bag(bag).states
     started = started[started['is_reset']]
     assert len(started) == 1 + done['reset']
     assert np.array_equal(started['position'], np.full(len(started), 0.5))

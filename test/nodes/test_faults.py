@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.protocol import parse_state
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_simulated,
@@ -78,7 +78,7 @@ def test_a_plant_that_is_killed_and_started_again_is_another_run_in_another_bag(
         'another run',
     )
     run.reach(50)
-    recordings = [run.finish(), read(run.bag.with_name('bag-2'))]
+    recordings = [run.finish(), read_bag(run.bag.with_name('bag-2'))]
     for recording in recordings:
         assert_whole(recording)
         assert_simulated(recording)
@@ -102,7 +102,7 @@ def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_noth
     run.reach(4000)  # at least one chunk, although the recorder may be WINDOW behind
     run.recorder.kill()
     run.reach(2000)  # more than the plant may be ahead of it
-    killed = read(run.bag)
+    killed = read_bag(run.bag)
     assert killed.recording_summary == {}
     assert (np.diff(killed.states['stamp']) == STEP).all()
     assert whole_messages(run.bag) >= 2 * len(killed.states) > 1000
@@ -144,7 +144,7 @@ def test_a_full_disk_ends_the_recorder_with_a_finished_bag_and_the_run_goes_on(g
     assert 'Traceback' not in run.recorder.output
     run.reach(1000)
     assert run.plant.interrupt() == run.controller.interrupt() == 0
-    recording = read(run.bag)
+    recording = read_bag(run.bag)
     assert recording.recording_summary['full'] == 'File too large'
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert len(recording.states) > 1_000

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from impulse_control_ros.core.protocol import FOREIGN, name_of, parse_command, parse_state
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import assert_replays, messages, stamp_of
 from test.processes import busy_loops
 
@@ -77,7 +77,7 @@ def test_a_foreign_controller_of_a_free_plant_stamps_its_commands_as_it_likes(gr
         if topic == '/joint_commands'
     ]
     assert {one.effort[0] for one in recorded} == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
-    assert read(graph.folder / 'bag').recording_summary['missing'] == '0'
+    assert read_bag(graph.folder / 'bag').recording_summary['missing'] == '0'
     plant.kill()
     plant = graph.start('plant_simulator', **FREE)
     plant.says('running from')
@@ -194,7 +194,7 @@ def test_a_recorded_run_of_a_free_plant_replays_from_its_states_whatever_the_loa
         client.spin_until(lambda: len(states) > 100 and controller_of(states[-1]), 'states')
         for process in (plant, recorder, controller):
             assert process.interrupt() == 0, process.output
-    run = read(bag)
+    run = read_bag(bag)
     assert np.array_equal(np.diff(run.states['stamp']), np.full(len(run.states) - 1, 10**6))
     assert len(run.commands) > 10
     assert_replays(bag, '--controller')

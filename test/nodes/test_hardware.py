@@ -6,8 +6,8 @@ from sensor_msgs.msg import JointState
 import yaml
 
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.resimulate import with_velocities
 from test.nodes.runs import assert_replays, assert_simulated, assert_whole, composed
 from test.processes import CONFIG
@@ -67,13 +67,13 @@ def test_with_all_hardware_the_composed_process_is_the_simulation_to_the_last_bi
     config, bag = experiment(**HARDWARE | {'sensor': sensor}), graph.folder / 'bag'
     process = composed(graph, config, **FAST, **{'plant_simulator:duration': 0.3})
     assert process.wait() == 0, process.output
-    run = read(bag)
+    run = read_bag(bag)
     assert_whole(run)
     assert_simulated(run, config)
     for how in ('--controller', '--closed-loop'):
         assert_replays(bag, how)
-    made = read_experiment(config)
-    alone = simulate(made.plant_simulator, made.controller, 0.3)
+    made = load_experiment(config)
+    alone = simulate(made.plant, made.gains, 0.3)
     velocities = with_velocities(run)['velocity']
     assert np.isnan(run.states['velocity']).all() == (velocity == 'none')
     assert np.array_equal(velocities[alone.events['tick']], alone.events['velocity'])
@@ -84,9 +84,9 @@ def test_an_axis_settles_on_an_encoder_and_gets_no_impulse_at_rest(graph):
     config = CONFIG / 'encoder.yaml'
     process = composed(graph, config, **FAST, **{'plant_simulator:duration': 2.0})
     assert process.wait() == 0, process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert_simulated(run, config)
-    step = read_experiment(config).plant_simulator.sensor.resolution
+    step = load_experiment(config).plant.sensor.resolution
     late = 2_000_000_000  # the second half of the run
     states = run.states[run.states['stamp'] >= late]
     assert np.abs(states['position']).max() <= 2 * step

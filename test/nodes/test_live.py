@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from impulse_control_ros.core.parameter import declared
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.experiment import NODES
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_whole,
@@ -47,7 +47,7 @@ def finish(client, process, states):
     until = stamp_of(states[-1]) + 50 * 100_000
     client.spin_until(lambda: stamp_of(states[-1]) > until, 'states')
     assert process.interrupt() == 0, process.output
-    run = read(process.folder / 'bag')
+    run = read_bag(process.folder / 'bag')
     assert_whole(run)
     return run
 
@@ -184,7 +184,7 @@ def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused
     client.tell('/plant_simulator/pause', SetBool, data=False)
     client.spin_until(lambda: not process.running, 'the end of the run')
     assert process.wait() == 0, process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert_whole(run)
     assert len(run.states) == 5001
     assert_replays(graph.folder / 'bag')
@@ -232,7 +232,7 @@ def test_a_run_at_full_speed_serves_parameters_and_services(graph, client):
     assert client.call('/plant_simulator/reset', Trigger, once=True).success
     response = client.call('/plant_simulator/pause', SetBool, data=True)
     assert process.interrupt() == 0, process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert_whole(run)
     assert response.message == f'paused at {run.states["stamp"][-1] / SECOND:.9f} s'
     assert np.count_nonzero(run.states['is_reset']) == 2

@@ -11,7 +11,7 @@ import yaml
 
 from impulse_control_ros.core.protocol import WINDOW
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.files.topics import SERIES_DEPTH
 from impulse_control_ros.tools.analyze.run import Run
 from test.nodes.runs import assert_replays, replayed
@@ -74,7 +74,7 @@ class Plant:
         self._client.spin_until(lambda: self._client.count_of('recorder', 'written'), 'a bag')
         for process in (self.recorder, self.controller, self.axis):
             assert process.interrupt() == 0, process.output
-        recording = read(self.bag)
+        recording = read_bag(self.bag)
         assert recording.recording_summary['missing'] == '0'
         assert (np.diff(recording.states['stamp']) == SECOND // 1000).all()
         assert np.isfinite(recording.commands['effort']).all()
@@ -131,6 +131,6 @@ def test_a_recorder_keeps_no_more_of_a_plant_without_a_controller_than_it_needs(
     for process in (recorder, controller, axis):
         assert process.interrupt() == 0, process.output
     behind = (
-        heard.sec * SECOND + heard.nanosec - int(read(graph.folder / 'bag').states['stamp'][0])
+        heard.sec * SECOND + heard.nanosec - int(read_bag(graph.folder / 'bag').states['stamp'][0])
     )
     assert behind <= (2 * WINDOW + SERIES_DEPTH) * SECOND // 1000  # its queue may be full

@@ -9,7 +9,7 @@ from rcl_interfaces.msg import ParameterEvent
 from sensor_msgs.msg import JointState
 
 from impulse_control_ros.core.protocol import parse_state
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.nodes.topics import LATCHED_QOS
 from test.nodes.runs import (
     assert_replays,
@@ -57,7 +57,7 @@ def test_a_second_plant_is_ignored_until_the_first_has_left(graph, client):
     assert run.plant.interrupt() == 0
     assert second.wait() == 0, second.output
     assert second.totals['accepted'] == 501
-    recordings = [run.finish(), read(run.bag.with_name('bag-3'))]
+    recordings = [run.finish(), read_bag(run.bag.with_name('bag-3'))]
     for recording in recordings:
         assert_whole(recording)
         assert_simulated(recording)
@@ -174,7 +174,7 @@ def test_a_foreign_plant_is_answered_and_recorded(graph, client):
     assert all(one.name == ['axis'] and len(one.effort) == 1 for one in commands)
     for process in (recorder, controller):
         assert process.interrupt() == 0, process.output
-    recording = read(bag)
+    recording = read_bag(bag)
     assert recording.run == ''
     assert len(recording.commands) == 100
     assert np.array_equal(np.diff(recording.states['stamp']), np.full(99, 1_000_000))

@@ -7,7 +7,7 @@ from mcap.reader import make_reader
 from sensor_msgs.msg import JointState
 from stereo_msgs.msg import DisparityImage
 
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_whole,
@@ -35,7 +35,7 @@ def test_recorders_that_come_late_miss_nothing_from_then_on_and_may_leave(graph,
     client.spin_until(lambda: len(states) > left + 50, 'states that one has')
     for process in (plant, recorders[1], controller):
         assert process.interrupt() == 0, process.output
-    runs = [read(bag) for bag in bags]
+    runs = [read_bag(bag) for bag in bags]
     for run in runs:
         # before it joined the plant did not wait for it
         at = joined - 1
@@ -73,7 +73,7 @@ def test_named_topics_are_recorded_once_and_what_cannot_be_is_named(graph, clien
     client.spin_until(lambda: len(states) > 500, 'states')
     assert process.interrupt() == 0, process.output
     bag = graph.folder / 'bag'
-    assert_whole(read(bag))
+    assert_whole(read_bag(bag))
     counts = topics_of(bag)
     assert counts.keys() == {
         '/joint_states',
@@ -82,7 +82,7 @@ def test_named_topics_are_recorded_once_and_what_cannot_be_is_named(graph, clien
         '/run_parameters',
         '/rosout',
     }
-    assert counts['/joint_states'] == len(read(bag).states)
+    assert counts['/joint_states'] == len(read_bag(bag).states)
     assert counts['/rosout'] > 0
 
 
@@ -106,7 +106,7 @@ def test_a_run_in_a_namespace_and_on_other_topics_is_recorded_as_it_is_called(gr
         extra,
     )
     assert process.wait() == 0, process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert len(run.states) == 501
     assert_whole(run)
     assert run.parameters['/left/plant_simulator']['F_c'] == 0.0

@@ -5,7 +5,7 @@ import rclpy
 import yaml
 
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.nodes.controller import ControlGains
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
@@ -39,7 +39,7 @@ def test_a_wrong_file_is_refused_with_its_name_the_parameter_and_what_is_allowed
     graph, node, values, said
 ):
     with pytest.raises(ParameterError) as refused:
-        read_experiment(written(graph, node, values))
+        load_experiment(written(graph, node, values))
     for text in (*said, 'wrong.yaml', node):
         assert text in str(refused.value)
     assert '\n' not in str(refused.value)

@@ -7,8 +7,8 @@ import re
 import pytest
 
 from impulse_control_ros.files.experiment import NODES as PARAMETERS
-from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import (
     assert_replays,
     assert_simulated,
@@ -43,7 +43,7 @@ def test_three_processes_in_any_order_are_the_simulation_to_the_last_bit(graph, 
     steps = round(duration / 1e-4)
     totals = started['plant_simulator'].totals
     assert totals['accepted'] == totals['steps'] + 1 == steps + 1
-    run = read(bag)
+    run = read_bag(bag)
     assert len(run.states) == len(run.commands) == steps + 1
     assert_whole(run)
     assert_simulated(run)
@@ -54,8 +54,8 @@ def test_load_beside_the_three_processes_changes_no_bit(graph):
     bag = graph.folder / 'bag'
     with busy_loops(2):
         three_processes(graph, NODES, TIME_VARYING, bag, duration=0.2)
-    assert_whole(read(bag))
-    assert_simulated(read(bag), TIME_VARYING)
+    assert_whole(read_bag(bag))
+    assert_simulated(read_bag(bag), TIME_VARYING)
 
 
 @pytest.mark.parametrize('name', ['pd_only_lower', 'pd_only_upper', 'coulomb', 'encoder'])
@@ -65,12 +65,12 @@ def test_the_composed_process_is_the_simulation_to_the_last_bit(graph, name):
         graph, config, **{'plant_simulator:duration': 0.3, 'plant_simulator:real_time_factor': 0.0}
     )
     assert process.wait() == 0, process.output
-    run = read(graph.folder / 'bag')
+    run = read_bag(graph.folder / 'bag')
     assert len(run.states) == len(run.commands) == 3001
     assert_whole(run)
     assert_simulated(run, config)
-    experiment = read_experiment(config)
-    assert bool(len(run.impulses)) == experiment.controller.impulses
+    experiment = load_experiment(config)
+    assert bool(len(run.impulses)) == experiment.gains.impulses
     for node in ('plant_simulator', 'controller'):
         recorded = run.parameters[f'/{node}']
         assert recorded.keys() == getattr(experiment, node).flat().keys()

@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import assert_whole, composed, UNDERDAMPED
 
 OURS = {
@@ -48,7 +48,7 @@ def finish(client, process):
     client.call('/plant_simulator/pause', SetBool, data=False)
     client.spin_until(lambda: len(states) > 50, 'states')
     assert process.interrupt() == 0, process.output
-    run = read(process.folder / 'bag')
+    run = read_bag(process.folder / 'bag')
     assert_whole(run)
     return run
 
@@ -214,7 +214,7 @@ def finish_quit(client, process):
     client.spin_until(lambda: not process.running, 'the end')
     assert process.wait() == 0, process.output
     assert 'the run is over' in process.output
-    run = read(process.folder / 'bag')
+    run = read_bag(process.folder / 'bag')
     assert_whole(run)
     assert len(run.states) == len(run.commands)
     return run

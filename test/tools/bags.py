@@ -15,7 +15,7 @@ from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import BagWriter, PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout
 from impulse_control_ros.files.parameter_event import encode_parameter_event, TYPE
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from test.conftest import CONFIG
 from test.files.test_bag import RUN, START, STEP, STORE, topic
 
@@ -36,7 +36,7 @@ TYPES = dict.fromkeys(TOPICS, 'sensor_msgs/msg/JointState') | {
 
 
 def experiment(name):
-    return read_experiment(CONFIG / f'{name}.yaml')
+    return load_experiment(CONFIG / f'{name}.yaml')
 
 
 def state_layout(run, episode=0, controller='', fields=FIELDS):
@@ -66,8 +66,8 @@ def told(node, values, changed=(), tick=0, run=RUN):
 def all_told(made, run=RUN, tick=0):
     """Return the parameters of both nodes of an experiment, at the start of a run."""
     return [
-        told(PLANT, made.plant_simulator.flat(), tick=tick, run=run),
-        told(CONTROLLER, made.controller.flat(), tick=tick, run=run),
+        told(PLANT, made.plant.flat(), tick=tick, run=run),
+        told(CONTROLLER, made.gains.flat(), tick=tick, run=run),
     ]
 
 
@@ -191,10 +191,10 @@ def recorded(folder, name, duration=2.0, axis=None, **gains):
     made = experiment(name)
     made = replace(
         made,
-        controller=replace(made.controller, **gains),
-        plant_simulator=replace(made.plant_simulator, **(axis or {})),
+        gains=replace(made.gains, **gains),
+        plant=replace(made.plant, **(axis or {})),
     )
-    run = simulate(made.plant_simulator, made.controller, duration)
+    run = simulate(made.plant, made.gains, duration)
     writer = begun(folder, made)
     writer.write(entries(run))
     return finished(writer), run

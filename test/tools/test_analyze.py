@@ -17,7 +17,7 @@ from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import NAME, status
 from impulse_control_ros.tools.analyze.table import FIGURES
 from test.conftest import BIN, CONFIG, ROOT, wait_for
@@ -63,7 +63,7 @@ def bag(tmp_path_factory):
 def test_the_figures_of_a_bag_are_those_of_its_simulation(tmp_path, capsys, name):
     path, run = recorded(tmp_path / name, name, 1.3)
     (got,) = responses(capsys, path)
-    error = run.position - experiment(name).controller.x_r
+    error = run.position - experiment(name).gains.x_r
     expected = figures(run.time, error, run.velocity, run.effort, run.events, (1e-2, 1e-3))[0]
     for key, value in zip(
         ('settling_time_0.01', 'settling_time_0.001'), expected['settling_time'], strict=True
@@ -94,7 +94,7 @@ def test_the_work_is_the_kinetic_energy_and_what_damping_and_friction_take(
     tmp_path, capsys, name, axis
 ):
     path, run = recorded(tmp_path / name, name, 0.5, axis)
-    plant = experiment(name).plant_simulator
+    plant = experiment(name).plant
     (got,) = responses(capsys, path)
     middle = 0.5 * (run.velocity[1:] + run.velocity[:-1])
     taken = np.sum((run.damping * middle**2 + plant.F_c * np.abs(middle)) * plant.time_step)
@@ -111,7 +111,7 @@ def test_impulses_are_told_from_the_feedback_whatever_the_effort_limit(tmp_path,
     (got,) = responses(capsys, path)
     assert got['peak_effort'] == np.abs(run.effort).max()
     assert got['peak_feedback'] == pytest.approx(5.0)
-    gains = experiment('underdamped').controller
+    gains = experiment('underdamped').gains
     feedback = np.clip(
         -gains.K * run.position - gains.D * run.velocity,
         *((-limit, limit) if limit else (-np.inf, np.inf)),
@@ -136,16 +136,13 @@ def test_pd_alone_sticks_where_friction_holds_it(tmp_path, capsys):
 def stepped(tmp_path):
     """Return a bag whose set-point goes from 0 to 0.2 m at 0.5 s, and the runs in it."""
     made = experiment('underdamped')
-    first = simulate(made.plant_simulator, made.controller, 0.5)
-    axis = type(made.plant_simulator)(
-        **{
-            name: getattr(made.plant_simulator, name)
-            for name in made.plant_simulator.__dataclass_fields__
-        }
+    first = simulate(made.plant, made.gains, 0.5)
+    axis = type(made.plant)(
+        **{name: getattr(made.plant, name) for name in made.plant.__dataclass_fields__}
         | {'x_0': float(first.position[-1]), 'v_0': float(first.velocity[-1])}
     )
-    gains = type(made.controller)(
-        **{name: getattr(made.controller, name) for name in made.controller.__dataclass_fields__}
+    gains = type(made.gains)(
+        **{name: getattr(made.gains, name) for name in made.gains.__dataclass_fields__}
         | {'x_r': 0.2}
     )
     second = simulate(axis, gains, 0.7)
@@ -185,7 +182,7 @@ def test_all_responses_of_a_bag_are_judged_one_by_one(stepped, capsys):
 
 def test_a_reset_begins_another_response(tmp_path, capsys):
     made = experiment('underdamped')
-    run = simulate(made.plant_simulator, made.controller, 0.3)
+    run = simulate(made.plant, made.gains, 0.3)
     writer = begun(tmp_path / 'run', made)
     writer.write(entries(run))
     writer.write(entries(run, 3001, episode=1))
@@ -198,7 +195,7 @@ def test_a_reset_begins_another_response(tmp_path, capsys):
 
 def test_missing_samples_are_counted_and_do_not_shift_the_time(tmp_path, capsys):
     made = experiment('pd_only_lower')
-    run = simulate(made.plant_simulator, made.controller, 2.0)
+    run = simulate(made.plant, made.gains, 2.0)
     writer = begun(tmp_path / 'run', made)
     lost = {START + k * 100_000 for k in range(700, 800)}
     writer.write(entry for entry in entries(run) if entry[0] not in lost)
@@ -325,7 +322,7 @@ def test_states_without_a_position_are_left_out_with_a_warning(tmp_path, capsys,
 
 def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
     made = experiment('underdamped')
-    run = simulate(made.plant_simulator, made.controller, 0.3)
+    run = simulate(made.plant, made.gains, 0.3)
     writer = begun(tmp_path / 'bag', made)
     writer.write(entry for entry in entries(run) if entry[0] >= START + 10**8)
     code, _, err = analyzed(capsys, finished(writer))
@@ -341,7 +338,7 @@ def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
 def test_a_run_of_several_is_analysed_by_its_name(tmp_path, capsys):
     made = experiment('underdamped')
     runs = {
-        name: simulate(made.plant_simulator, made.controller, seconds)
+        name: simulate(made.plant, made.gains, seconds)
         for name, seconds in (('0123abcd', 0.02), ('89abcdef', 0.03))
     }
     bag = recorded_elsewhere(
@@ -467,7 +464,7 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(tmp_path_factory
         assert (code, out.getvalue()) == (2, '')
         assert err.getvalue().splitlines()[-1].startswith(f'analyze: {path}')
     else:
-        got, expected = read(path), read(bag)
+        got, expected = read_bag(path), read_bag(bag)
         for series in ('states', 'commands', 'impulses', 'damping'):
             assert getattr(got, series).tobytes() == getattr(expected, series).tobytes()
         assert (got.parameters, got.changes) == (expected.parameters, expected.changes)

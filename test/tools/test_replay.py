@@ -9,7 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 from impulse_control_ros.core.protocol import parse_command
 from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.mcap_reader import Column, columns
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.files.topics import FLOAT64, SERIES
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.replay import main
@@ -68,7 +68,7 @@ def test_another_gain_gives_the_difference_that_the_law_says(record, replay):
     bag = record('pd_only_upper')
     assert replay(bag, '--controller', '-p', 'K:=10.0')[0] == 0
     status, said = replay(bag, '--controller', '-p', 'K:=12')
-    apart = 2.0 * np.abs(read(bag).states['position'])
+    apart = 2.0 * np.abs(read_bag(bag).states['position'])
     assert status == 1, said
     assert 'with K = 12' in said
     assert f'RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart.max():.6g} N at 1.000' in said
@@ -77,7 +77,7 @@ def test_another_gain_gives_the_difference_that_the_law_says(record, replay):
 
 def test_an_impulse_that_is_no_longer_fired_is_named(record, replay):
     bag = record('underdamped')
-    run = read(bag)
+    run = read_bag(bag)
     status, said = replay(bag, '--controller', '-p', 'impulses:=false')
     assert status == 1
     assert f'0 compared, 0 differ, {len(run.impulses)} only recorded' in said
@@ -127,7 +127,7 @@ def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph,
     assert plant.wait() == 0, plant.output
     assert controller.interrupt() == 0  # it waits until all has arrived
     assert recorder.interrupt() == 0
-    run = read(bag)
+    run = read_bag(bag)
     assert {name for change in run.changes for name in change.changed} == {
         'K',
         'D',
@@ -332,7 +332,7 @@ def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, 
     assert client.call('/replay/pause', SetBool, data=False).success
     client.spin_until(lambda: len(states) == len(commands) == 501, 'all messages')
     assert player.wait() == 0, player.output
-    run = read(bag)
+    run = read_bag(bag)
     told = len(run.history)  # plant and controller, once each
     assert f'{2 * 501 + len(run.impulses) + told} messages published' in player.output
     assert [state.position[0] for state in states] == run.states['position'].tolist()

@@ -349,10 +349,10 @@ def test_no_button_sends_the_data_anywhere(opened):
 
 def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tmp_path):
     made = experiment('underdamped')
-    run = simulate(made.plant_simulator, made.controller, 0.2)
+    run = simulate(made.plant, made.gains, 0.2)
     writer = begun(tmp_path / '<b>&run', made)
     writer.write(entries(run))
-    writer.write([told(CONTROLLER, {**made.controller.flat(), 'x_r': 0.25}, ['x_r'], 1000)])
+    writer.write([told(CONTROLLER, {**made.gains.flat(), 'x_r': 0.25}, ['x_r'], 1000)])
     finished(writer)
     path = tmp_path / 'report.html'
     assert status([str(tmp_path / '<b>&run'), '--report', str(path)]) == 0
@@ -369,9 +369,9 @@ def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tm
 
 def test_a_minute_at_10_khz_stays_below_10_mb_even_as_noise(browser, tmp_path):
     made = experiment('time_varying')
-    run = simulate(made.plant_simulator, made.controller, 60.0)
+    run = simulate(made.plant, made.gains, 60.0)
     noise = np.random.default_rng(1).normal(size=(2, len(run.time)))
-    gains, is_impulse = made.controller, np.zeros(len(run.time), bool)
+    gains, is_impulse = made.gains, np.zeros(len(run.time), bool)
     is_impulse[run.events['tick']] = True
     impulse = np.where(is_impulse, run.effort + gains.K * run.position + gains.D * run.velocity, 0)
     for name, values in (('position', 1e-3 * noise[0]), ('velocity', 1e-2 * noise[1])):

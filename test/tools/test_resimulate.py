@@ -38,7 +38,7 @@ def made():
 
 def taken_over(made):
     """Another controller with other gains takes over, and later the first one again."""
-    axis, ours = made.plant_simulator, made.controller
+    axis, ours = made.plant, made.gains
     other = replace(ours, K=12.0, d_bar=1.25, x_r=0.1)
     yield [
         Piece(0, axis, ours, True, axis),
@@ -51,7 +51,7 @@ def taken_over(made):
 
 def reset(made):
     """The plant is reset, and starts elsewhere for what was set before."""
-    axis, ours = made.plant_simulator, made.controller
+    axis, ours = made.plant, made.gains
     moved = replace(axis, x_0=0.3)
     yield [
         Piece(0, axis, ours, True, axis),
@@ -64,7 +64,7 @@ def reset(made):
 
 def tuned(made):
     """Both nodes are tuned, once at one stamp."""
-    axis, ours = made.plant_simulator, made.controller
+    axis, ours = made.plant, made.gains
     rough, heavy = replace(axis, F_c=0.3), replace(axis, F_c=0.3, m=0.12)
     stiff, moved = replace(ours, K=12.0), replace(ours, K=12.0, x_r=0.2)
     yield [
@@ -84,7 +84,7 @@ def tuned(made):
 
 def reactivated(made):
     """The controller is activated again where its memory would have known of a crossing."""
-    axis, ours = made.plant_simulator, made.controller
+    axis, ours = made.plant, made.gains
     begun = Piece(0, axis, ours, True, axis)
     ((_, run, _),) = computed([begun], COUNT)
     crossing = int(next(one['tick'] for one in run.events if one['guard'] == POSITION_ZERO))
@@ -147,9 +147,9 @@ def test_without_the_changes_it_differs(tmp_path, capsys, made, case):
 
 
 def test_what_a_bag_lacks_is_said_in_one_line_and_the_run_chosen_by_name(tmp_path, capsys, made):
-    axis = made.plant_simulator
-    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
-    ((_, long, _),) = computed([Piece(0, axis, made.controller, True, axis)], 401)
+    axis = made.plant
+    ((_, run, _),) = computed([Piece(0, axis, made.gains, True, axis)], 301)
+    ((_, long, _),) = computed([Piece(0, axis, made.gains, True, axis)], 401)
     other = '89abcdef'
     bag = recorded_elsewhere(
         tmp_path / 'bag',
@@ -190,7 +190,7 @@ def test_a_bag_that_begins_in_mid_run_is_answered_and_not_run_again(tmp_path, ca
 
 
 def test_a_foreign_plant_is_answered_with_the_parameters_of_its_controller(tmp_path, capsys, made):
-    axis, gains = made.plant_simulator, made.controller
+    axis, gains = made.plant, made.gains
     other = replace(gains, x_r=0.2)
     (_, one, _), (_, two, effort) = computed(
         [Piece(0, axis, gains, True, axis), Piece(200, axis, other, False, None)], 301
@@ -227,10 +227,10 @@ def test_a_withdrawn_effort_clears_the_memory(tmp_path, capsys, made):
 
 
 def test_parameters_that_are_none_of_ours_are_refused_in_one_line(tmp_path, capsys, made):
-    axis = made.plant_simulator
-    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
+    axis = made.plant
+    ((_, run, _),) = computed([Piece(0, axis, made.gains, True, axis)], 301)
     for node, values, said in (
-        (CONTROLLER, {**made.controller.flat(), 'gain': 3.0}, 'gain = 3.0'),
+        (CONTROLLER, {**made.gains.flat(), 'gain': 3.0}, 'gain = 3.0'),
         (PLANT, {**axis.flat(), 'joint_name': 'lift'}, "joint_name = 'axis'"),
     ):
         both = [*all_told(made), *entries(run)]
@@ -246,8 +246,8 @@ def test_parameters_that_are_none_of_ours_are_refused_in_one_line(tmp_path, caps
 
 
 def test_a_state_without_its_stamp_is_in_no_run(tmp_path, capsys, made):
-    axis = made.plant_simulator
-    ((_, run, _),) = computed([Piece(0, axis, made.controller, True, axis)], 301)
+    axis = made.plant
+    ((_, run, _),) = computed([Piece(0, axis, made.gains, True, axis)], 301)
     nothing = JointStateLayout('axis', f'run:{RUN}.0').encode(0, 0, 9.0, 9.0, 9.0)
     messages = [(START, STATES, nothing), *all_told(made), *entries(run)]
     assert (
@@ -257,7 +257,7 @@ def test_a_state_without_its_stamp_is_in_no_run(tmp_path, capsys, made):
 
 
 def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_path, capsys, made):
-    axis, gains = made.plant_simulator, made.controller
+    axis, gains = made.plant, made.gains
     moved, heavy = replace(axis, x_0=0.3), replace(axis, x_0=0.3, m=0.12)
     ((_, run, _),) = computed([Piece(0, heavy, gains, True, moved)], 301)
     messages = [

@@ -24,9 +24,9 @@ from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.bag import PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.parameter_event import encode_parameter_event
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.parameter_rules import given_by
-from impulse_control_ros.files.recording import read
+from impulse_control_ros.files.recording import read_bag
 from test.conftest import BIN, CONFIG, Process, wait_for
 
 STATES, EVENTS, COMMANDS, PARAMETERS, DAMPING = (
@@ -76,7 +76,7 @@ def author_in(found):
 
 def encoded(made, run, author, duration):
     """Yield (topic, stamp [ns], bytes) of an experiment, message by message."""
-    plant, controller = made.plant_simulator, made.controller
+    plant, controller = made.plant, made.gains
     start_ns = round((plant.start_time or 1.0) * 1e9)
     first = stamp(0, start_ns, STEP)
     for node, values in (
@@ -148,7 +148,7 @@ def test_every_message_is_the_one_that_is_encoded_alone(tmp_path, start, name, r
         [*rules, f'duration:={duration}'],
     )
     assert start(config, bag, *(item for rule in rules for item in ('-p', rule))).wait() == 0
-    made = read_experiment(config, besides=[one for rule in rules for one in given_by(rule)])
+    made = load_experiment(config, besides=[one for rule in rules for one in given_by(rule)])
     found, metadata = messages_of(bag)
     author, run = author_in(found), metadata[PACKAGE]['run']
     expected = list(encoded(made, run, author, duration))
@@ -193,7 +193,7 @@ def test_a_bag_says_what_one_of_the_recorder_says(varying):
         'repeated': '0',
         'foreign': '0',
     }
-    recording = read(varying)
+    recording = read_bag(varying)
     assert recording.run == run
     assert len(recording.states) == len(recording.commands) == 20_001
     assert set(recording.parameters) == {'/plant_simulator', '/controller'}
@@ -243,11 +243,11 @@ def test_later_files_and_then_the_command_line_count(tmp_path, start):
         ).wait()
         == 0
     )
-    values = read(bag).parameters
+    values = read_bag(bag).parameters
     controller, plant = values['/controller'], values['/plant_simulator']
     assert (controller['K'], controller['D'], controller['c']) == (11.0, 0.7, 2.0)
     assert (plant['x_0'], plant['F_c'], plant['duration']) == (0.4, 0.1, 0.01)
-    assert len(read(bag).states) == 101
+    assert len(read_bag(bag).states) == 101
     topics = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information'][
         'topics_with_message_count'
     ]
@@ -317,7 +317,7 @@ def test_a_loop_that_diverges_ends_with_the_samples_before(tmp_path, start):
     assert process.wait() == 1
     assert process.output.startswith('simulate: the loop has diverged: at 1.')
     assert process.output.count('\n') == 1
-    recording, seconds = read(bag), float(process.output.split(' at ')[1].split(' ')[0])
+    recording, seconds = read_bag(bag), float(process.output.split(' at ')[1].split(' ')[0])
     assert len(recording.states) == len(recording.commands) > 100
     assert abs(recording.states['position'][-1]) < 1e100 > abs(recording.states['velocity'][-1])
     assert recording.states['stamp'][-1] + STEP == round(seconds * 1e9)
@@ -329,7 +329,7 @@ def test_ctrl_c_leaves_a_finished_bag_with_all_up_to_then(tmp_path, start):
     process = start(CONFIG / 'underdamped.yaml', bag, '-p', 'duration:=100000.0')
     wait_for(lambda: file_in(bag).exists() and file_in(bag).stat().st_size > 2**20, 'a chunk')
     assert process.interrupt() == 1
-    recording = read(bag)
+    recording = read_bag(bag)
     assert recording.unread is None
     assert len(recording.states) == len(recording.commands) > blocks.BLOCK
     last = (recording.states['stamp'][-1] - recording.states['stamp'][0]) / 1e9
@@ -345,7 +345,7 @@ def test_a_full_disk_ends_the_run_with_what_fits(tmp_path, start):
     process.limit_files(2**20)
     assert process.wait() == 1
     assert process.output.startswith(f'simulate: {bag}: File too large; the bag is finished with ')
-    assert len(read(bag).states) > 1000
+    assert len(read_bag(bag).states) > 1000
 
 
 def test_no_ros_is_imported(tmp_path):
@@ -394,10 +394,10 @@ def samples_of(sizes, plant, controller, count):
 
 @pytest.mark.parametrize('size', [1, 7, 100, 10_000])
 def test_a_loop_diverges_at_the_same_sample_whatever_the_blocks(monkeypatch, size):
-    made = read_experiment(
+    made = load_experiment(
         CONFIG / 'underdamped.yaml', besides=[*given_by('D:=2500.0'), *given_by('impulses:=false')]
     )
-    plant, controller = made.plant_simulator, made.controller
+    plant, controller = made.plant, made.gains
     with pytest.raises(DivergedError) as expected:
         simulate(plant, controller, 2.0)
     monkeypatch.setattr(blocks, 'BLOCK', size)

@@ -113,7 +113,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     import numpy as np
 
     from impulse_control_ros.errors import BagError
-    from impulse_control_ros.files.recording import read
+    from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.analyze.run import Run, settings_of
 
     if len(set(bags)) < len(bags):
@@ -121,7 +121,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     names = Counter(bag.resolve().name for bag in bags)
     for bag in bags:
         try:
-            recording = with_positions(bag, read(bag, name))
+            recording = with_positions(bag, read_bag(bag, name))
         except BagError as error:
             raise UsageError(str(error)) from None
         short = bag.resolve().name

@@ -13,7 +13,7 @@ from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.files.package_share import shipped_experiment
-from impulse_control_ros.files.parameter_file import read_experiment
+from impulse_control_ros.files.parameter_file import load_experiment
 
 SECONDS = 2.0  # as long as the paper's figures need
 FRICTION_SECONDS = 3.0  # until Fig. 5 shows the sampled floor
@@ -75,13 +75,13 @@ def with_step(axis: Plant, gains: ControlGains, time_step: float, seconds: float
 def paper_runs() -> Runs:
     """Make all runs."""
     experiments = {
-        name: read_experiment(shipped_experiment(name))
+        name: load_experiment(shipped_experiment(name))
         for name in ('pd_only_upper', 'pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
     }
     cases = {
         name: case(
-            experiment.plant_simulator,
-            experiment.controller,
+            experiment.plant,
+            experiment.gains,
             FRICTION_SECONDS if name == 'coulomb' else SECONDS,
         )
         for name, experiment in experiments.items()
