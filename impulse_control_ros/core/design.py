@@ -128,24 +128,24 @@ def _start(gains: ControlGains, d: float) -> tuple[float, float, float]:
     return (d + gains.D) / (2.0 * gains.m), gains.K / gains.m, v
 
 
-def check_gains(gains: ControlGains, axis: Plant | None = None) -> list[Finding]:
-    """Return what is unwise about ``gains``, and about the two together when ``axis`` is known."""
+def check_gains(gains: ControlGains, plant: Plant | None = None) -> list[Finding]:
+    """Return what is unwise about ``gains``, alone and with the ``plant`` if that is known."""
     found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
-    if axis is not None:
+    if plant is not None:
         found += [
-            *_on_mass(gains, axis),
-            *_on_bound(gains, axis),
-            *_on_friction(gains, axis),
-            *_on_signals(gains, axis),
+            *_on_mass(gains, plant),
+            *_on_bound(gains, plant),
+            *_on_friction(gains, plant),
+            *_on_signals(gains, plant),
         ]
-        if gains.time_step != axis.time_step:
+        if gains.time_step != plant.time_step:
             found.append(
                 Finding(
                     level=Level.ERROR,
                     text=(
                         f'time_step = {gains.time_step:g} s of the controller is not that '
                         f'of the axis, '
-                        f'{axis.time_step:g} s'
+                        f'{plant.time_step:g} s'
                     ),
                 )
             )
@@ -208,10 +208,10 @@ def _on_guards(gains: ControlGains) -> Iterator[Finding]:
         )
 
 
-def _on_mass(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
+def _on_mass(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
     """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
-    masses = {axis.m: 'axis'}
-    masses.setdefault(axis.m + axis.payload.mass, 'axis with its payload')
+    masses = {plant.m: 'axis'}
+    masses.setdefault(plant.m + plant.payload.mass, 'axis with its payload')
     for mass, of in masses.items():
         if math.isclose(gains.m, mass, rel_tol=1e-6):
             continue
@@ -232,9 +232,9 @@ def _on_mass(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
         )
 
 
-def _on_bound(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
+def _on_bound(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
     """Judge d_bar by the damping (1)."""
-    damping = axis.damping
+    damping = plant.damping
     greatest = damping.value if damping.kind == 'constant' else damping.upper
     if greatest > gains.d_bar:
         yield Finding(
@@ -246,9 +246,9 @@ def _on_bound(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
         )
 
 
-def _on_friction(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
+def _on_friction(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
     """Judge what friction at rest does to the end of the motion, section IV-C."""
-    name, friction = max(('F_c', axis.F_c), ('F_s', axis.stribeck.F_s), key=lambda one: one[1])
+    name, friction = max(('F_c', plant.F_c), ('F_s', plant.stribeck.F_s), key=lambda one: one[1])
     if friction == 0.0:
         return
     if 0.0 < gains.effort_limit <= friction:
@@ -271,9 +271,9 @@ def _on_friction(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
             )
         return
     quiet = quiet_error(
-        gains, friction, max(axis.m, axis.m + axis.payload.mass), axis.actuator.time_constant
+        gains, friction, max(plant.m, plant.m + plant.payload.mass), plant.actuator.time_constant
     )
-    if _least_error(gains, axis.sensor.resolution) < quiet:
+    if _least_error(gains, plant.sensor.resolution) < quiet:
         yield Finding(
             level=Level.NOTE,
             text=(
@@ -298,11 +298,11 @@ def _least_error(gains: ControlGains, resolution: float) -> float:
     )
 
 
-def _on_signals(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
+def _on_signals(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
     """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
     if not gains.impulses:
         return
-    sensor, actuator, most = axis.sensor, axis.actuator, axis.actuator.limit
+    sensor, actuator, most = plant.sensor, plant.actuator, plant.actuator.limit
     if most and not 0.0 < gains.effort_limit <= most:
         yield Finding(
             level=Level.WARNING,
@@ -320,13 +320,13 @@ def _on_signals(gains: ControlGains, axis: Plant) -> Iterator[Finding]:
         yield Finding(
             level=Level.WARNING,
             text=(
-                f'a velocity by difference shows {shown} as {(step + noise) / axis.time_step:g} '
+                f'a velocity by difference shows {shown} as {(step + noise) / plant.time_step:g} '
                 f'm/s, '
                 'and may have impulses go on at rest: velocity_source = estimated, with '
                 f'velocity_deadband above {jump:g} m/s, ends them'
             ),
         )
-    late = actuator.delay + math.ceil(3.0 * actuator.time_constant / axis.time_step)
+    late = actuator.delay + math.ceil(3.0 * actuator.time_constant / plant.time_step)
     for name, least, unit, why in (
         (
             'position_deadband',

@@ -23,6 +23,7 @@ apply, and c_event (15) is always 2, for no velocity zero lasts.
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 import math
 
 import numba
@@ -41,6 +42,7 @@ from impulse_control_ros.core.impulse import (
 from impulse_control_ros.core.jit import sign
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import ParameterError
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
@@ -199,7 +201,7 @@ def events_of(arcs, x_r):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solution:
+class Solution(Trajectory):
     """
     An exact solution.
 
@@ -207,15 +209,57 @@ class Solution:
     guard (index in `GUARDS`), position [m], velocity before and after [m/s]. ``end`` says why
     the solution ends and ``end_time`` [s] when. ``arcs`` (dtype ARC), ``axis`` and ``gains``
     are what `at` evaluates.
+
+    ``time``, ``position``, ``velocity`` and ``effort``, the feedback -K e - D v without the
+    jumps, are sampled at the plant's time step: as `Run` has them, until the ``duration`` [s] or
+    an end before it that the axis does not rest in.
     """
 
     events: np.ndarray
     end: End
     end_time: float
+    duration: float
     x_r: float
     arcs: np.ndarray
     axis: np.ndarray
     gains: np.ndarray
+
+    @cached_property
+    def _samples(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time [s], position [m] and velocity [m/s], shape (n,)."""
+        step = float(self.axis['time_step'][0])
+        return self.sampled(step, int(min(self.duration, self.last) * ROUNDED / step))
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time [s] of each sample."""
+        return self._samples[0]
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position [m] at each sample."""
+        return self._samples[1]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity [m/s] at each sample, after its jumps."""
+        return self._samples[2]
+
+    @cached_property
+    def effort(self) -> np.ndarray:
+        """Feedback -K e - D v [N] at each sample (4)."""
+        error = self.position - self.x_r
+        return -self.gains['K'] * error - self.gains['D'] * self.velocity
+
+    @property
+    def set_point(self) -> np.ndarray:
+        """Set-point [m] at each sample."""
+        return np.full(len(self.time), self.x_r)
+
+    def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sample at each jump, or the next one, and the guard."""
+        at = np.searchsorted(self.time, self.events['time'])
+        return np.minimum(at, len(self.time) - 1), self.events['guard']
 
     @property
     def last(self) -> float:
@@ -254,8 +298,8 @@ class Solution:
 
 
 def solve(
-    axis: Plant,
-    controller: ControlGains,
+    plant: Plant,
+    gains: ControlGains,
     duration: float,
     *,
     reading: Reading = Reading.STRICT,
@@ -264,47 +308,48 @@ def solve(
     event_limit: int = 1_000_000,
 ) -> Solution:
     """
-    Solve the ideal closed loop from the axis' start, for at most ``duration`` seconds.
+    Solve the ideal closed loop from the plant's start, for at most ``duration`` seconds.
 
     The damping is ``dampings[i]`` [N s/m], shape (n + 1,), from ``breaks[i - 1]`` to
-    ``breaks[i]`` [s], shape (n,), ascending; without ``dampings`` the axis' constant one.
+    ``breaks[i]`` [s], shape (n,), ascending; without ``dampings`` the plant's constant one.
     Raises `ParameterError` for values that make no such motion.
     """
     if not 0.0 < duration < math.inf:
         raise refusal('duration', duration, '> 0 and finite [s]')
-    if not axis.is_ideal:
+    if not plant.is_ideal:
         raise ParameterError(
-            'the axis must be an ideal one, without sensor, actuator, payload, disturbance and F_s'
+            'the plant must be an ideal one: no sensor, actuator, payload, disturbance and F_s'
         )
     if event_limit < 0:
         raise refusal('event_limit', event_limit, '>= 0 [events]')
-    if dampings is None and axis.damping.kind != 'constant':
-        raise refusal('damping.kind', axis.damping.kind, 'constant, or pieces given by dampings')
+    if dampings is None and plant.damping.kind != 'constant':
+        raise refusal('damping.kind', plant.damping.kind, 'constant, or pieces given by dampings')
     times = np.array(breaks, float)
-    values = np.array([axis.damping.value] if dampings is None else dampings, float)
+    values = np.array([plant.damping.value] if dampings is None else dampings, float)
     if dampings is not None or times.size:
         check_pieces(times, values)
-    plant, gains = axis.packed_axis(), controller.packed()
-    gains['x_r'] = 0.0  # the solution is in e
+    axis, packed = plant.packed_axis(), gains.packed()
+    packed['x_r'] = 0.0  # the solution is in e
     arcs, end, end_time = trace(
-        plant[0],
-        gains[0],
+        axis[0],
+        packed[0],
         reading is Reading.STRICT,
-        axis.x_0 - controller.x_r,
-        axis.v_0,
+        plant.x_0 - gains.x_r,
+        plant.v_0,
         times,
         values,
         float(duration),
         event_limit,
     )
     return Solution(
-        events=events_of(arcs, controller.x_r),
+        events=events_of(arcs, gains.x_r),
         end=ENDS[end],
         end_time=end_time,
-        x_r=controller.x_r,
+        duration=float(duration),
+        x_r=gains.x_r,
         arcs=arcs,
-        axis=plant,
-        gains=gains,
+        axis=axis,
+        gains=packed,
     )
 
 

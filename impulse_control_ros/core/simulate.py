@@ -30,6 +30,7 @@ from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import axis_step, DIVERGED, Plant
 from impulse_control_ros.core.plant_step import plant_step, sense
 from impulse_control_ros.core.tick import ticks
+from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import DivergedError
 
 EVENT = np.dtype(
@@ -38,7 +39,7 @@ EVENT = np.dtype(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class Run(Trajectory):
     """
     A run of n steps.
 
@@ -47,7 +48,7 @@ class Run:
     effort of the actuator, which act over the sample that starts at each state, have shape (n,);
     ``events`` has dtype EVENT, one row an impulse. ``measured_position`` [m] and
     ``measured_velocity`` [m/s], nan where there is none, are what the controller saw: of an
-    ideal axis the state itself.
+    ideal axis the state itself. ``x_r`` [m] is the set-point.
     """
 
     time: np.ndarray
@@ -59,6 +60,16 @@ class Run:
     applied: np.ndarray
     measured_position: np.ndarray
     measured_velocity: np.ndarray
+    x_r: float
+
+    @property
+    def set_point(self) -> np.ndarray:
+        """The set-point [m] at each state."""
+        return np.full(len(self.time), self.x_r)
+
+    def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return tick and guard of each impulse."""
+        return self.events['tick'], self.events['guard']
 
 
 @compiled
@@ -150,7 +161,7 @@ def simulate(axis: Plant, controller: ControlGains, duration: float) -> Run:
         ('velocity', velocity[fired]),
     ):
         events[name] = values
-    return Run(time=time, events=events, **signals)
+    return Run(time=time, events=events, x_r=controller.x_r, **signals)
 
 
 def _require_bounded(axis: Plant, position: np.ndarray, velocity: np.ndarray) -> None:

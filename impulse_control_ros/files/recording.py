@@ -10,6 +10,8 @@ from mcap.records import Channel, Metadata, Schema
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.completeness import lacking
@@ -31,6 +33,7 @@ from impulse_control_ros.files.run_choice import (
     Series as AllSeries,
 )
 from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
+from impulse_control_ros.files.settings import Setting, settings_of, spans
 from impulse_control_ros.files.topics import (
     DAMPING,
     FLOAT64,
@@ -46,7 +49,7 @@ KINDS = {JOINT_STATES: SAMPLE, JOINT_COMMANDS: COMMAND, IMPULSE_EVENTS: IMPULSE}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class Recording(Trajectory):
     """
     What a bag holds of one run of one joint.
 
@@ -62,6 +65,10 @@ class Recording:
     finished one.
     ``lacks`` says in plain sentences what there should be besides. States of other joints, or
     out of their time, are left out.
+
+    ``time`` [s], ``position`` [m], ``velocity`` [m/s], nan where it was not measured, ``effort``
+    [N], the command that answers each state, nan where there is none, and ``set_point`` [m], 0
+    where no controller tells it, have shape (n,).
     """
 
     run: str
@@ -75,6 +82,51 @@ class Recording:
     recording_summary: Mapping[str, str]
     unread: int | None
     lacks: list[str]
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Time [s] since the first state, by the stamps."""
+        stamps = self.states['stamp']
+        return (stamps - stamps[:1]) / SECOND
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position [m] of each state."""
+        return self.states['position']
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity [m/s] of each state."""
+        return self.states['velocity']
+
+    @cached_property
+    def effort(self) -> np.ndarray:
+        """Effort [N] of the command that answers each state."""
+        effort, place = np.full(len(self.states), np.nan), self.places(self.commands['stamp'])
+        answers = self.states['stamp'][place] == self.commands['stamp']
+        effort[place[answers]] = self.commands['effort'][answers]
+        return effort
+
+    @cached_property
+    def settings(self) -> list[Setting]:
+        """What the controller was set to; empty where none tells a set-point."""
+        return settings_of(self.states['stamp'], self.controllers)
+
+    @cached_property
+    def set_point(self) -> np.ndarray:
+        """Set-point [m] at each state."""
+        set_point = np.zeros(len(self.states))
+        for part, values in spans(self.settings, len(self.states)):
+            set_point[part] = values['x_r']
+        return set_point
+
+    def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the index of the state, and the guard, of each impulse."""
+        return self.places(self.impulses['stamp']), self.impulses['guard']
+
+    def places(self, stamps: np.ndarray) -> np.ndarray:
+        """Return the index of the state of each of ``stamps`` [ns], or of the next one."""
+        return np.minimum(np.searchsorted(self.states['stamp'], stamps), len(self.states) - 1)
 
     @cached_property
     def _first(self) -> dict[str, Change]:

@@ -455,12 +455,12 @@ def test_the_limits_of_the_sampled_controller_do_not_apply():
         ({'breaks': [0.0], 'dampings': [1, 1]}, r'breaks = \[0\.0\].*> 0 \[s\]'),
         ({'breaks': [0.1]}, r'dampings = \(1,\).*shape \(2,\)'),
         ({'dampings': [0.0]}, r'dampings = 0\.0: must be > 0 and finite \[N s/m\]'),
-        ({'axis': Plant(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
+        ({'plant': Plant(F_c=0.0, damping=Damping(kind='noise'))}, "damping.kind = 'noise'"),
     ],
 )
 def test_what_makes_no_motion_is_refused(options, said):
     with pytest.raises(ParameterError, match=said):
-        solve(**{'axis': FIG_2, 'controller': ControlGains(), 'duration': 1.0} | options)
+        solve(**{'plant': FIG_2, 'gains': ControlGains(), 'duration': 1.0} | options)
 
 
 # The sampled loop tends to it.

@@ -36,12 +36,17 @@ def loaded_by(names: list[str]) -> set[str]:
             [
                 'rclpy',
                 'mcap',
+                'pandas',
+                'matplotlib',
                 'impulse_control_ros.files',
                 'impulse_control_ros.nodes',
                 'impulse_control_ros.tools',
             ],
         ),
-        ('files', ['rclpy', 'impulse_control_ros.nodes', 'impulse_control_ros.tools']),
+        (
+            'files',
+            ['rclpy', 'matplotlib', 'impulse_control_ros.nodes', 'impulse_control_ros.tools'],
+        ),
         ('tools', ['rclpy', 'impulse_control_ros.nodes']),
     ],
 )

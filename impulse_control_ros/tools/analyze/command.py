@@ -114,7 +114,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
 
     from impulse_control_ros.errors import BagError
     from impulse_control_ros.files.recording import read_bag
-    from impulse_control_ros.tools.analyze.run import Run, settings_of
+    from impulse_control_ros.tools.analyze.run import Run
 
     if len(set(bags)) < len(bags):
         raise UsageError(f'{Counter(bags).most_common(1)[0][0]} is given twice')
@@ -141,7 +141,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
                 f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
                 'them'
             )
-        if not settings_of(recording):
+        if not recording.settings:
             warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
 

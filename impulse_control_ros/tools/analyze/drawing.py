@@ -8,27 +8,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.plotting import (
+    legend_entries,
+    mark_impulses,
+    phase_plane,
+    POSITION,
+    TIME,
+    VELOCITY,
+)
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.paper.command import PRINT_DPI, saved
-from impulse_control_ros.tools.paper.drawing import phase_plane, STYLE, TIME, VELOCITY, WIDTH
+from impulse_control_ros.tools.paper.drawing import STYLE, WIDTH
 
 COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
-MARKS: dict[str, dict[str, Any]] = {
-    'position_zero': {'color': '#CC79A7', 'marker': 'o', 'label': 'impulse at e = 0'},
-    'velocity_zero': {'color': '#009E73', 'marker': 'D', 'label': 'impulse at v = 0'},
-    'sticking': {'color': '#E69F00', 'marker': 's', 'label': 'impulse while sticking'},
-}
 PANELS = {
-    'position': 'position [m]',
+    'position': POSITION,
     'velocity': VELOCITY,
     'feedback': 'PD effort [N]',
     'impulse': 'impulses [N]',
     'damping': 'damping [N s/m]',
 }
 HEIGHT = 1.35  # in; of a panel
-MANY = 5000  # points of a kind; more are drawn as pixels
 CLOSE = 0.01  # share of the largest error that is near the origin
 
 
@@ -53,9 +54,10 @@ def drawn(runs: Sequence[Run]) -> Figure:
     for run, color in zip(runs, COLORS * len(runs), strict=False):
         for axes, name in zip(panels, names, strict=True):
             over_time(axes, run, name, color)
+        impulses = run.recording.impulse_samples()
         for axes in (plane, near):
             axes.plot(run.error, run.states['velocity'], color=color)
-            mark_impulses(axes, run, run.error, run.states['velocity'])
+            mark_impulses(axes, run.error, run.states['velocity'], *impulses)
     for axes, name in zip(panels, names, strict=True):
         axes.set_ylabel(PANELS[name])
     panels[-1].set_xlabel(TIME)
@@ -63,11 +65,7 @@ def drawn(runs: Sequence[Run]) -> Figure:
         phase_plane(axes)
         axes.set_xlabel('error [m]')
     near.set(title='near the origin', **close_limits(runs))
-    entries = {
-        label: handle
-        for axes in (panels[0], plane)
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
+    entries = legend_entries(panels[0], plane)
     whole.legend(entries.values(), entries.keys(), loc='outside upper center', ncols=4)
     return whole
 
@@ -82,23 +80,7 @@ def over_time(axes: Axes, run: Run, name: str, color: str) -> None:
     values = run.states[name] if name in ('position', 'velocity') else getattr(run, name)
     axes.plot(run.time, values, color=color, label=run.name)
     if name != 'feedback':
-        mark_impulses(axes, run, run.time, values)
-
-
-def mark_impulses(axes: Axes, run: Run, x: np.ndarray, y: np.ndarray) -> None:
-    """Mark the samples of the impulses by their guard."""
-    for name, style in MARKS.items():
-        at = run.fired[run.recording.impulses['guard'] == GUARDS.index(name)]
-        if at.size:
-            axes.plot(
-                x[at],
-                y[at],
-                linestyle='',
-                markersize=3,
-                zorder=3,
-                rasterized=at.size > MANY,
-                **style,
-            )
+        mark_impulses(axes, run.time, values, *run.recording.impulse_samples())
 
 
 def close_limits(runs: Sequence[Run]) -> dict[str, tuple[float, float]]:

@@ -11,6 +11,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 import numpy as np
 
 from impulse_control_ros.core.design import dead_zone
+from impulse_control_ros.plotting import phase_plane, POSITION, TIME, VELOCITY
 from impulse_control_ros.tools.paper.runs import Case, FRICTION_SECONDS, Runs
 
 # The Okabe-Ito colours, which stay apart for any eye; the dashes do so in print.
@@ -26,7 +27,6 @@ STRICT: dict[str, Any] = {
     'label': 'exact, read strictly',
     'linestyle': (0, (1, 1.5)),
 }
-TIME, POSITION, VELOCITY = 'time [s]', 'position [m]', 'velocity [m/s]'
 STYLE: dict[Any, Any] = {  # Any: the names that matplotlib allows vary
     'font.size': 9.0,
     'axes.titlesize': 9.0,
@@ -202,13 +202,6 @@ def error_over_time(axes: Axes, runs: Runs) -> None:
         )
     axes.set(xlabel=TIME, ylabel='|error| [m]', xlim=(0.0, FRICTION_SECONDS), ylim=(5e-7, 0.5))
     axes.legend(loc='lower left')
-
-
-def phase_plane(axes: Axes) -> None:
-    """Label the axes of a phase plane, and draw its state axes, the guards."""
-    axes.set(xlabel=POSITION, ylabel=VELOCITY)
-    axes.axhline(0.0, color='0.5', linewidth=0.6, zorder=0)
-    axes.axvline(0.0, color='0.5', linewidth=0.6, zorder=0)
 
 
 DRAWN: dict[int, tuple[Callable[[Figure, Runs], None], float]] = {
