@@ -1,0 +1,41 @@
+"""The examples, run as their text says; the MuJoCo axis is in nodes/test_mujoco_axis.py."""
+
+import os
+
+from nbclient import NotebookClient
+import nbformat
+import numpy as np
+import pytest
+
+from impulse_control_ros.files.recording import read_bag
+from test.processes import BIN, CONFIG, ROOT
+
+EXAMPLES = ROOT / 'examples'
+K, D, X_R = 12.0, 0.5, 0.1
+
+
+def test_a_controller_of_ones_own_answers_every_state_and_the_axis_settles(graph):
+    bag, config = graph.folder / 'bag', CONFIG / 'pd_only_upper.yaml'
+    recorder = graph.start('recorder', config=config, bag=bag)
+    controller = graph.start('python', EXAMPLES / 'my_controller.py', K=K, D=D, x_r=X_R)
+    plant = graph.start('plant_simulator', config=config, duration=2.0, time_step=1e-3)
+    assert plant.wait() == 0, plant.output
+    assert recorder.interrupt() == controller.interrupt() == 0, controller.output
+    assert plant.totals['accepted'] == plant.totals['steps'] + 1
+    run = read_bag(bag)
+    assert run.recording_summary['missing'] == '0'
+    assert len(run.time) == 2001
+    assert np.array_equal(run.effort, -K * (run.position - X_R) - D * run.velocity)
+    assert run.position[0] == 0.5
+    assert run.position[-1] == pytest.approx(X_R, abs=1e-6)
+
+
+def test_the_notebook_runs_from_top_to_bottom(monkeypatch):
+    monkeypatch.setenv('PATH', f'{BIN}{os.pathsep}{os.environ["PATH"]}')
+    notebook = nbformat.read(EXAMPLES / 'first_steps.ipynb', as_version=4)
+    assert not any(cell.get('outputs') for cell in notebook.cells)
+    NotebookClient(notebook, resources={'metadata': {'path': str(EXAMPLES)}}).execute()
+    shown = [output for cell in notebook.cells for output in cell.get('outputs', [])]
+    assert sum('image/png' in output.get('data', {}) for output in shown) == 3
+    assert not [output.text for output in shown if output.get('name') == 'stderr']
+    print(*(output.text for output in shown if output.get('name') == 'stdout'))
