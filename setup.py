@@ -18,7 +18,7 @@ setup(
     license='Apache-2.0',
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
-    packages=find_packages(exclude=['test', 'test.*']),
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'tools/analyze/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

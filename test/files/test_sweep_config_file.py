@@ -21,7 +21,7 @@ tolerances: [1e-2]
 vary:
   F_c: {{uniform: [0, 1.5]}}
 """
-STUDIES = sorted((ROOT / 'studies').glob('*.yaml'))
+STUDIES = sorted([*ROOT.glob('studies/*.yaml'), *ROOT.glob('scripts/studies/*.yaml')])
 
 
 def read(tmp_path, text=GOOD):

@@ -7,14 +7,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 
-from impulse_control_ros.tools.robustness.comparison import (
+from impulse_control_ros.tools.sweep_pictures import axis_label
+from scripts.robustness.comparison import (
     Comparison,
     CONTROLLERS,
     HIGH,
     LOW,
     MEDIAN,
 )
-from impulse_control_ros.tools.sweep_pictures import axis_label
 
 # The Okabe-Ito colours, which stay apart for any eye; marks and dashes do so in print.
 STYLES: tuple[dict[str, Any], ...] = (

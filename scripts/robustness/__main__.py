@@ -1,7 +1,8 @@
 """
-Run the studies/robustness_*.yaml of docs/robustness.md, and renew it and its pictures.
+Run scripts/studies/robustness_*.yaml, and write their results into docs/robustness.md.
 
-A study is run as ``sweep`` runs it, into the same folder: what is finished is not run again.
+``python -m scripts.robustness docs`` runs each study as ``sweep`` does, into the same folder:
+finished runs are not repeated.
 """
 
 import argparse
@@ -20,12 +21,12 @@ from impulse_control_ros.files.sweep_folder import SweepFolder
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.paper.command import DOCS_DPI, saved
 from impulse_control_ros.tools.paper.drawing import STYLE
-from impulse_control_ros.tools.robustness.comparison import compared
-from impulse_control_ros.tools.robustness.document import block, renewed
-from impulse_control_ros.tools.robustness.drawing import picture
 from impulse_control_ros.tools.sweep import finish
 from impulse_control_ros.tools.sweep_summary import Column
 from impulse_control_ros.tools.sweep_workers import local_workers
+from scripts.robustness.comparison import compared
+from scripts.robustness.document import block, renewed
+from scripts.robustness.drawing import picture
 
 TUNING = 'robustness_tuning'
 
@@ -38,7 +39,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         '--studies',
         metavar='FOLDER',
         type=Path,
-        default=Path('studies'),
+        default=Path('scripts', 'studies'),
         help='where robustness_*.yaml are (default: %(default)s)',
     )
     parser.add_argument(
@@ -52,7 +53,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
-    """Be the whole of the command; returns the exit status."""
+    """Run the command line; returns the exit status."""
     options = parse(arguments)
     try:
         renew(options.docs, options.studies, options.runs, stop)
@@ -114,3 +115,7 @@ def tuned(study: SweepConfig, column: Column) -> list[str]:
         '',
         f'The least is at K_i = {best:g} N/(m s).',
     ]
+
+
+if __name__ == '__main__':
+    sys.exit(main(StopRequest(patience=1)))

@@ -5,13 +5,13 @@ import math
 import re
 
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.tools.robustness.comparison import (
+from impulse_control_ros.tools.sweep_pictures import axis_label
+from scripts.robustness.comparison import (
     Comparison,
     CONTROLLERS,
     MEDIAN,
     runs_of,
 )
-from impulse_control_ros.tools.sweep_pictures import axis_label
 
 LEVELS = 6  # in a table
 FIGURES = {'settling': 'settle later', 'residual': 'leave a larger error'}

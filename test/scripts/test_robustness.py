@@ -1,5 +1,6 @@
 """The study of docs/robustness.md: its page, its PID, and laws that its figures keep."""
 
+from pathlib import Path
 import re
 import shutil
 
@@ -9,13 +10,14 @@ import yaml
 
 from impulse_control_ros.files.sweep_config_file import read_study
 from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.robustness import command
-from impulse_control_ros.tools.robustness.comparison import compared, Comparison
-from impulse_control_ros.tools.robustness.document import block
-from impulse_control_ros.tools.robustness.drawing import picture
+import scripts.robustness.__main__ as command
+from scripts.robustness.comparison import compared, Comparison
+from scripts.robustness.document import block
+from scripts.robustness.drawing import picture
 from test.conftest import CONFIG, ROOT
 
-STUDIES = sorted((ROOT / 'studies').glob('robustness_*.yaml'))
+FOLDER = ROOT / 'scripts' / 'studies'
+STUDIES = sorted(FOLDER.glob('robustness_*.yaml'))
 NAMES = [path.stem for path in STUDIES]
 COMPARED = [path for path in STUDIES if path.stem != command.TUNING]
 PAGE = (ROOT / 'docs' / 'robustness.md').read_text()
@@ -24,10 +26,10 @@ K = 10.0
 
 def tiny(name, **vary):
     """Return the text of a study of ours with few runs and levels, and with ``vary`` besides."""
-    study = yaml.safe_load((ROOT / 'studies' / f'{name}.yaml').read_text())
+    study = yaml.safe_load((FOLDER / f'{name}.yaml').read_text())
     first = next(iter(study['vary']))
     study |= {
-        'experiment': str(CONFIG / study['experiment'].removeprefix('../config/')),
+        'experiment': str(CONFIG / Path(study['experiment']).name),
         'runs': 3,
         'duration': 2.0,
     }
@@ -100,7 +102,7 @@ def test_what_cannot_be_renewed_is_refused_in_one_line(place, capsys):
 
 
 def test_the_pid_of_all_studies_is_the_best_of_the_tuning(tmp_path):
-    study = read_study(ROOT / 'studies' / f'{command.TUNING}.yaml')
+    study = read_study(FOLDER / f'{command.TUNING}.yaml')
     means = command.mean_iae(study, of(study, tmp_path / 'tuning'))
     best = study.axes['K_i'][int(np.argmin(means))]
     assert 0 < np.argmin(means) < len(means) - 1

@@ -7,7 +7,7 @@ from impulse_control_ros.files.experiment import NODES
 
 HEAD = """# Parameters
 
-Made by `python -m impulse_control_ros.tools.parameter_table`. All can be set while the nodes run
+Made by `python scripts/parameter_table.py`. All can be set while the nodes run
 (`ros2 param set`), except those marked fixed. Numbers in parentheses are equations of the paper.
 Values that bind each other: `damping.lower` <= `damping.upper`; `stribeck.F_s` is 0 or at least
 `F_c`; `m` + `payload.mass` > 0; `disturbance.end` is 0 or after its start; plant and controller

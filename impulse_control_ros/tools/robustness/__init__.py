@@ -1,1 +1,0 @@
-"""docs/robustness.md: PD, PID and impulses beside each other under disturbances."""
