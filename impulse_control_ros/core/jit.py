@@ -12,7 +12,7 @@ compiled = numba.njit(cache=True, error_model='numpy', nogil=True, forceinline=T
 
 
 @compiled
-def sign(value):
+def sign(value: float) -> float:
     """Return -1, 0 or 1."""
     return 1.0 if value > 0.0 else (-1.0 if value < 0.0 else 0.0)
 

@@ -1,5 +1,6 @@
-"""Imports point inward: core <- files <- nodes and tools."""
+"""Imports point inward: core <- files <- nodes and tools; all but kernels has types."""
 
+import ast
 from pathlib import Path
 import subprocess
 import sys
@@ -64,3 +65,19 @@ def test_only_the_nodes_name_rclpy():
             lines = path.read_text().splitlines()
             assert not [line for line in lines if line.startswith(('import rclpy', 'from rclpy'))]
     assert Path(PACKAGE, 'nodes', 'spin.py').exists()
+
+
+def test_every_function_of_core_that_is_no_kernel_has_types():
+    untyped = [
+        f'{path.name}:{node.lineno} {node.name}'
+        for path in sorted((PACKAGE / 'core').glob('*.py'))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+        and node.returns is None
+        and not {'compiled', 'numba'} & names_in(node.decorator_list)
+    ]
+    assert untyped == []
+
+
+def names_in(decorators: list[ast.expr]) -> set[str]:
+    return {node.id for one in decorators for node in ast.walk(one) if isinstance(node, ast.Name)}
