@@ -6,8 +6,9 @@ PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
 NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
 TOOLS = ['simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures']
-# 300 MB that a robot does not need
-ANALYSIS = ['matplotlib>=3.8', 'pandas>=2.1', 'plotly>=6', 'pyarrow']
+REPORT = ['plotly>=6']
+# 400 MB that a robot does not need
+ANALYSIS = [*REPORT, 'matplotlib>=3.8', 'pandas>=2.1', 'pyarrow']
 DASK = ['distributed']
 EXAMPLES = ['mujoco']
 
@@ -42,6 +43,7 @@ setup(
     ],
     extras_require={
         'ros': ROS,
+        'report': REPORT,  # for analyze --report and make demo
         'analysis': ANALYSIS,
         'dask': DASK,
         'examples': EXAMPLES,
