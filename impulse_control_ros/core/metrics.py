@@ -1,31 +1,9 @@
 """
-Figures of merit of a recorded or simulated run.
+Metrics of a recorded or simulated run.
 
 All take arrays of one run on the sampling grid: ``time`` [s] and ``error`` e = x - x_r [m].
-`figures` gives them all at once, from the same sums that a batch keeps while it runs:
-
-==================  =====  ======================================================
-name                unit   equation
-==================  =====  ======================================================
-settling_time       s      first time after which abs(e) stays within a tolerance
-overshoot           m      max of -sign(e_0) e
-iae                 m s    integral of abs(e), by the trapezoidal rule
-ise                 m^2 s  integral of e^2, by the trapezoidal rule
-position_zero ...   1      number of impulses of each guard
-impulse_area        N s    sum of abs(J)
-peak_effort         N      max of abs(u)
-peak_velocity       m/s    max of abs(v)
-final_error         m      e at the end
-diverged            1      whether a batch's run left all bounds; its figures are nan
-==================  =====  ======================================================
-
-Of a recording, where samples may be missing, there are besides:
-
-==================  =====  ======================================================
-work                N m    sum of u_k (x_k+1 - x_k): exact, as u is held over each sample
-stuck               1, s   number and whole time of the intervals with v = 0, e != 0
-impulsive           N      the part of u that impulses are: u less the feedback (4)
-==================  =====  ======================================================
+`figures` gives those of a batch at once, from the sums that it keeps while it runs;
+`metric_catalogue` has title, unit and meaning of each.
 """
 
 from collections.abc import Mapping, Sequence

@@ -26,6 +26,7 @@ from impulse_control_ros.core.batch import columns, figures_of, found, packed_ro
 from impulse_control_ros.core.distributions import Distribution, SUITED
 from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.lanes import LANES
+from impulse_control_ros.core.metric_catalogue import METRICS, settling, sweep_metrics, TOLERANCES
 from impulse_control_ros.core.metrics import COUNTS
 from impulse_control_ros.core.parameter import build, converted, parameter, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
@@ -36,20 +37,6 @@ CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one cor
 MOST_ROWS = 16_384  # of a chunk, for its memory
 CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
 MOST_RUNS = MOST_STEPS = 10**9
-MEASURES = {  # figures of merit in the order of their columns: unit, name
-    'overshoot': ('m', 'overshoot'),
-    'iae': ('m s', 'IAE'),
-    'ise': ('m^2 s', 'ISE'),
-    'impulses': ('', 'impulses'),
-    'position_zero': ('', 'impulses at position zero'),
-    'velocity_zero': ('', 'impulses at velocity zero'),
-    'sticking': ('', 'impulses while sticking'),
-    'impulse_area': ('N s', 'impulse area'),
-    'peak_effort': ('N', 'peak effort'),
-    'peak_velocity': ('m/s', 'peak velocity'),
-    'final_error': ('m', 'final error'),
-    'diverged': ('', 'whether the run left all bounds'),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +61,7 @@ class SweepConfig:
     controller: ControlGains
     extent: Extent
     vary: Mapping[str, Distribution]
-    tolerances: tuple[float, ...] = (1e-2, 1e-3)
+    tolerances: tuple[float, ...] = TOLERANCES
 
     def __post_init__(self) -> None:
         if not self.vary:
@@ -225,7 +212,7 @@ def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
 
 
 def run_chunk(study: SweepConfig, number: int) -> dict[str, np.ndarray]:
-    """Run a chunk of a study: its varied parameters and figures by the names of `units`."""
+    """Run a chunk of a study: its varied parameters and metrics by the names of `units`."""
     rows = study.rows_of(number)
     parameters = varied(study, rows)
     figures = figures_of(
@@ -237,32 +224,18 @@ def run_chunk(study: SweepConfig, number: int) -> dict[str, np.ndarray]:
     for place, tolerance in enumerate(study.tolerances):
         result[settling(tolerance)] = figures['settling_time'][:, place]
     result['impulses'] = np.sum([figures[guard] for guard in COUNTS], axis=0)
-    result |= {name: figures[name] for name in MEASURES if name != 'impulses'}
-    return {name: result[name] for name in units(study)}
-
-
-def settling(tolerance: float) -> str:
-    """Return the name of a settling time's column."""
-    return f'settling_time_{tolerance:g}'
+    return {name: result[name] if name in result else figures[name] for name in units(study)}
 
 
 def column_of(name: str) -> str:
-    """Return the column of a varied parameter: ``impulses`` alone is a figure of merit."""
-    return full_name(name) if name in MEASURES else name
+    """Return the column of a varied parameter: ``impulses`` alone is a metric."""
+    return full_name(name) if name in METRICS else name
 
 
 def units(study: SweepConfig) -> dict[str, str]:
-    """Return the unit of each column, in order: varied parameters, then figures."""
+    """Return the unit of each column, in order: varied parameters, then metrics."""
     result = {column_of(name): found(name)[3].unit for name in study.vary}
-    result |= {settling(tolerance): 's' for tolerance in study.tolerances}
-    return result | {name: unit for name, (unit, _) in MEASURES.items()}
-
-
-def title(column: str) -> str:
-    """Return a figure of merit in words, without its unit."""
-    if column in MEASURES:
-        return MEASURES[column][1]
-    return f'settling time to {column.removeprefix("settling_time_")} m'
+    return result | {name: item.unit for name, item in sweep_metrics(study.tolerances).items()}
 
 
 def described(study: SweepConfig) -> dict[str, Any]:

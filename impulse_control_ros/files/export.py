@@ -1,17 +1,5 @@
 """
-A bag as one tidy table: a row for each sample, in the order of time.
-
-    column        unit
-    time          s      since the first sample
-    stamp_ns      ns     stamp of the sample, as it is in the messages
-    position      m      of the state
-    velocity      m/s    of the state
-    effort        N      applied over the sample before it
-    command       N      effort commanded for this state
-    impulse_area  N s    of the impulse that this state caused, 0 where none
-    guard                that fired, '' where none
-    damping       N s/m  where it was published at this sample
-    is_reset             whether a run starts here, or is reset
+A bag as one table: a row for each sample, in the order of time, with the `SAMPLE_COLUMNS`.
 
 Numbers have the bits of the messages. What is not recorded at a sample is NaN, and empty in a
 file. Parameters, their changes, units, the recording summary and what is missing are in
@@ -26,23 +14,13 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.recording import read_bag, Recording
 
-UNITS = {
-    'time': 's',
-    'stamp_ns': 'ns',
-    'position': 'm',
-    'velocity': 'm/s',
-    'effort': 'N',
-    'command': 'N',
-    'impulse_area': 'N s',
-    'guard': '',
-    'damping': 'N s/m',
-    'is_reset': '',
-}
+UNITS = {name: column.unit for name, column in SAMPLE_COLUMNS.items()}
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
 Bag = str | Path | Recording  # a folder or file, or what `read_bag` has returned

@@ -20,10 +20,9 @@ from impulse_control_ros.core.sweep_config import SweepConfig
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.tools.sweep_summary import (
     Column,
-    heading,
     quantiles,
     shown,
-    shown_columns,
+    shown_metrics,
 )
 
 WIDE = 3  # panels in a row
@@ -54,7 +53,7 @@ def save_pictures(study: SweepConfig, column: Column, folder: Path, name: str) -
 
 def picture(study: SweepConfig, column: Column, name: str) -> Figure:
     """Return the picture of a study: a panel for each figure of merit."""
-    columns = shown_columns(study)
+    columns = shown_metrics(study)
     high = -(-len(columns) // WIDE)
     figure = Figure(figsize=(4.2 * WIDE, 3.0 * high), layout='constrained')
     panels = figure.subplots(high, WIDE, squeeze=False).flat
@@ -84,7 +83,7 @@ def left_out(key: str, values: np.ndarray) -> str:
 def distribution(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
     """Draw a histogram, with the median."""
     axes.set_title(left_out(key, values), fontsize=10)
-    axes.set(xlabel=heading(study, key), ylabel='share of the runs')
+    axes.set(xlabel=shown_metrics(study)[key].label, ylabel='share of the runs')
     if is_same(axes, values, 'in all runs'):
         return
     finite = values[np.isfinite(values)]
@@ -129,7 +128,7 @@ def mark_median(axes: Any, median: float) -> None:
 
 def name_panel(axes: Any, study: SweepConfig, key: str, note: str) -> None:
     """Say above a panel which figure of merit it has, and ``note``."""
-    axes.set_title('\n'.join(filter(None, [heading(study, key), note])), fontsize=10)
+    axes.set_title('\n'.join(filter(None, [shown_metrics(study)[key].label, note])), fontsize=10)
 
 
 def is_same(axes: Any, values: np.ndarray, where: str) -> bool:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impulse_control_ros.core.sweep_config import settling, SweepConfig
+from impulse_control_ros.core.metric_catalogue import settling
+from impulse_control_ros.core.sweep_config import SweepConfig
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
 

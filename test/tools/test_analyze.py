@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metric_catalogue import METRICS
 from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import NAME, status
-from impulse_control_ros.tools.analyze.table import FIGURES
-from test.conftest import BIN, CONFIG, ROOT, wait_for
+from test.conftest import BIN, CONFIG, wait_for
 from test.files.test_bag import START, STATE, topic
 from test.tools.bags import (
     all_told,
@@ -219,12 +219,12 @@ def test_the_formats_hold_the_same_figures(bag, capsys):
     (exact,) = responses(capsys, bag)
     rows = list(csv.DictReader(analyzed(capsys, bag, '--format', 'csv')[1].splitlines()))
     assert len(rows) == 1
-    assert list(rows[0]) == list(exact) == ['bag', 'path', *FIGURES]
+    assert list(rows[0]) == list(exact) == ['bag', 'path', *METRICS]
     for name, value in exact.items():
         assert rows[0][name] == ('' if value is None else str(value))
     lines = text.splitlines()
     assert lines[0].split() == ['run']
-    assert len(lines) == 1 + len(FIGURES)
+    assert len(lines) == 1 + len(METRICS)
     assert 'settling time to 0.01 m [s]' in text
     assert float(lines[3].split()[-1]) == pytest.approx(exact['settling_time_0.01'], rel=1e-4)
 
@@ -246,15 +246,6 @@ def test_help_says_what_is_measured_from_where():
     said = subprocess.run([BIN / NAME, '--help'], check=True, capture_output=True, text=True)
     for words in ('--report', '--figure', 'last change of the set-point', 'v = 0'):
         assert words in said.stdout
-
-
-def test_the_documentation_names_every_figure_as_it_is_printed_and_no_other():
-    page = (ROOT / 'docs' / 'analyze.md').read_text()
-    rows = [line.split(' | ') for line in page.splitlines() if line.count(' | ') == 2]
-    table = [row for row in rows if '`' in row[1]]
-    printed = [name for row in table for name in row[0].removeprefix('| ').split(', ')]
-    assert [name for row in table for name in re.findall(r'`([^`]+)`', row[1])] == list(FIGURES)
-    assert printed == [f'{words} [{unit}]' if unit else words for unit, words in FIGURES.values()]
 
 
 @pytest.mark.parametrize(('suffix', 'magic'), [('png', b'\x89PNG'), ('pdf', b'%PDF')])

@@ -1,17 +1,17 @@
 """
-A recorded run on its grid of samples: what was measured, and what it was to do.
+A recorded run on its grid of samples: what was measured, and what was commanded.
 
-==============  =====  ==================================================================
-name            unit   meaning
-==============  =====  ==================================================================
-time            s      since the first state, by the stamps
-error           m      e = x - x_r(t)
-effort          N      u of the command that answers each state
-impulse         N      its impulsive part
-feedback        N      the rest of it
-law             N      the feedback as the gains have it (4); 0 where the bag tells none
-applied         N      the effort that acted from each state to the next
-==============  =====  ==================================================================
+==========  ====  =========================================================
+name        unit  meaning, all of shape (n,)
+==========  ====  =========================================================
+time        s     since the first state, by the stamps
+error       m     e = x - x_r(t)
+command     N     u of the command that answers each state
+impulse     N     its impulsive part
+feedback    N     the rest of it
+law         N     the feedback (4) by the gains; 0 where the bag has none
+applied     N     the effort that acted from each state to the next
+==========  ====  =========================================================
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from impulse_control_ros.core.metric_catalogue import Samples
 from impulse_control_ros.core.metrics import impulsive
 from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.files.settings import NO_GAINS, Setting, spans
@@ -68,10 +69,10 @@ class Run:
         return np.where(np.isnan(applied), held, applied)
 
     @cached_property
-    def effort(self) -> np.ndarray:
+    def command(self) -> np.ndarray:
         """Return the effort [N] of each state's command, or what was applied without one, (n,)."""
-        effort = self.recording.effort
-        return np.where(np.isnan(effort), self.applied, effort)
+        command = self.recording.effort
+        return np.where(np.isnan(command), self.applied, command)
 
     @cached_property
     def law(self) -> np.ndarray:
@@ -93,15 +94,15 @@ class Run:
 
     @cached_property
     def impulse(self) -> np.ndarray:
-        """Return the impulsive part of the effort [N], shape (n,)."""
+        """Return the impulsive part of the command [N], shape (n,)."""
         fired = np.zeros(len(self.states), bool)
         fired[self.fired] = True
-        return impulsive(self.effort, self.law, fired)
+        return impulsive(self.command, self.law, fired)
 
     @property
     def feedback(self) -> np.ndarray:
-        """Return the effort without the impulses [N], shape (n,)."""
-        return self.effort - self.impulse
+        """Return the command without its impulsive part [N], shape (n,)."""
+        return self.command - self.impulse
 
     @cached_property
     def responses(self) -> list[slice]:
@@ -119,3 +120,21 @@ class Run:
         }
         inside = sorted(start for start in starts if answered[0] < start < len(self.states))
         return [slice(*ends) for ends in pairwise([*answered, *inside, len(self.states)])]
+
+    def samples(self, span: slice) -> Samples:
+        """Return the samples of a ``span`` of the states, for its metrics."""
+        impulses = self.recording.impulses[(self.fired >= span.start) & (self.fired < span.stop)]
+        states, steps = self.states[span], np.diff(self.states['stamp'][span])
+        gaps = np.rint(steps / int(np.median(steps))) - 1 if len(steps) else steps
+        return Samples(
+            time=self.time[span],
+            position=states['position'],
+            error=self.error[span],
+            velocity=states['velocity'],
+            command=self.command[span],
+            impulse=self.impulse[span],
+            applied=self.applied[span],
+            guard=impulses['guard'],
+            area=impulses['area'],
+            missing=int(np.maximum(gaps, 0).sum()),
+        )
