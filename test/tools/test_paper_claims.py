@@ -208,8 +208,8 @@ def test_a_claim_holds_in_all_or_nothing_or_under_a_condition_that_is_named(
         where='',
         says='',
         measured=(
-            Measured(when='here', holds=holds[0], values=(1.5,), text='{:g} m'),
-            Measured(holds=holds[1], values=(2.0,), text='{:g} s'),
+            Measured(holds[0], '{:g} m', (1.5,), 'here'),
+            Measured(holds[1], '{:g} s', (2.0,)),
         ),
     )
     assert (claim.verdict, claim.numbers) == (verdict, numbers)

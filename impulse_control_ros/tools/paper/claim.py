@@ -1,21 +1,27 @@
 """A claim of the paper, judged by numbers of ours."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import wraps
+import re
+from typing import ParamSpec
+
+P = ParamSpec('P')
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Measured:
     """
-    One number, or a few, that a claim is judged by.
+    One number, or a few, that a claim is judged by: it ``holds`` or does not.
 
-    ``when`` is the condition it was found under, empty when there is but one; ``text`` has a
-    place in braces for each of ``values``, whose units it names; ``holds`` follows from them.
+    ``text`` has a place in braces for each of ``values``, whose units it names; ``when`` is the
+    condition, empty when there is but one.
     """
 
-    when: str = ''
     holds: bool
     text: str
     values: tuple[float, ...] = ()
+    when: str = ''
 
     @property
     def number(self) -> str:
@@ -25,17 +31,18 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """
-    What the paper says, where, and what we find.
-
-    ``key`` names it for tests and captions; ``figure`` is 0 for a claim that has none.
-    """
+    """What the paper says, where, and what we find; tests name it by its ``key``."""
 
     key: str
-    figure: int = 0
     where: str
     says: str
     measured: tuple[Measured, ...]
+
+    @property
+    def figure(self) -> int:
+        """The number of the figure that it is about, or 0."""
+        found = re.match(r'Fig\. (\d)', self.where)
+        return int(found[1]) if found else 0
 
     @property
     def verdict(self) -> str:
@@ -53,3 +60,20 @@ class Claim:
             + one.number
             for one in self.measured
         )
+
+
+def claim(
+    where: str, says: str
+) -> Callable[[Callable[P, Iterator[Measured]]], Callable[P, Claim]]:
+    """Make a claim of a function that yields what is measured; its name is the key."""
+
+    def decorate(measure: Callable[P, Iterator[Measured]]) -> Callable[P, Claim]:
+        @wraps(measure)
+        def judged(*runs: P.args, **options: P.kwargs) -> Claim:
+            key = measure.__name__.replace('_', ' ')
+            measured = tuple(measure(*runs, **options))
+            return Claim(key=key, where=where, says=says, measured=measured)
+
+        return judged
+
+    return decorate
