@@ -86,62 +86,34 @@ def alpha_stops(case: Case) -> Iterator[Measured]:
         'exact, in either reading',
     )
     fine, tiny = settled(run), settled(run, TINY)
-    yield Measured(
-        fine < strict.end_time + SOON,
-        'within 1e-3 m from {:.4f} s, but within 1e-6 m only from {:.4f} s',
-        (fine, tiny),
-        SAMPLED,
-    )
+    text = 'within 1e-3 m from {:.4f} s, but within 1e-6 m only from {:.4f} s'
+    yield Measured(fine < strict.end_time + SOON, text, (fine, tiny), SAMPLED)
 
 
 @claim('after (18)', 'a smaller alpha cannot bring the state to the origin (here 0.4 m|v|)')
 def alpha_too_small(case: Case) -> Iterator[Measured]:
     run, strict, one_jump = with_ratio(case, 0.4)
-    yield Measured(
-        strict.end is not End.ORIGIN,
-        'the jumps, each to 0.2 v, end in the origin all the same at {:.4f} s',
-        (strict.end_time,),
-        STRICT,
-    )
-    yield Measured(
-        one_jump.end is not End.ORIGIN,
-        'the axis runs through, to {:.4f} m',
-        (turns(one_jump)[1],),
-        ONE_JUMP,
-    )
+    text = 'the jumps, each to 0.2 v, end in the origin all the same at {:.4f} s'
+    yield Measured(strict.end is not End.ORIGIN, text, (strict.end_time,), STRICT)
+    text = 'the axis runs through, to {:.4f} m'
+    yield Measured(one_jump.end is not End.ORIGIN, text, (turns(one_jump)[1],), ONE_JUMP)
     late = settled(run, TINY)
-    yield Measured(
-        not late < strict.end_time + SOON,
-        'it runs through, and is within 1e-6 m only from {:.4f} s',
-        (late,),
-        SAMPLED,
-    )
+    text = 'it runs through, and is within 1e-6 m only from {:.4f} s'
+    yield Measured(not late < strict.end_time + SOON, text, (late,), SAMPLED)
 
 
 @claim('before (19)', 'alpha = m|v| ends in an endless cycle between +v and -v at e = 0')
 def alpha_cycles(case: Case) -> Iterator[Measured]:
     run, strict, one_jump = with_ratio(case, 1.0)
-    yield Measured(
-        strict.end is End.ENDLESS_JUMPS,
-        'the jumps never end, at the one instant {:.4f} s',
-        (strict.end_time,),
-        STRICT,
-    )
+    text = 'the jumps never end, at the one instant {:.4f} s'
+    yield Measured(strict.end is End.ENDLESS_JUMPS, text, (strict.end_time,), STRICT)
     ratio = turns(one_jump)[2] / turns(one_jump)[1]
-    yield Measured(
-        bool(ratio > 0.99),
-        'the axis bounces, each time to {:.3f} of the last',
-        (ratio,),
-        ONE_JUMP,
-    )
+    text = 'the axis bounces, each time to {:.3f} of the last'
+    yield Measured(bool(ratio > 0.99), text, (ratio,), ONE_JUMP)
     early, late = (peak(run.velocity[(run.time >= t) & (run.time < t + 0.1)]) for t in (0.5, 1.5))
     growth = float(np.log(late / early))
-    yield Measured(
-        abs(growth) < 0.01,
-        'it chatters and abs(v) grows, by {:.2f} per second (e-fold), to {:.0f} m/s at 1.6 s',
-        (growth, late),
-        SAMPLED,
-    )
+    text = 'it chatters and abs(v) grows, by {:.2f} per second (e-fold), to {:.0f} m/s at 1.6 s'
+    yield Measured(abs(growth) < 0.01, text, (growth, late), SAMPLED)
 
 
 @claim('(19)', '0.5 m|v| <= alpha < m|v| makes the axis converge (here up to 0.95 m|v|)')
@@ -166,11 +138,8 @@ def alpha_range(case: Case) -> Iterator[Measured]:
 def critical(case: Case) -> Iterator[Measured]:
     gains = case.gains
     square, four = (gains.d_bar + gains.D) ** 2, 4.0 * gains.m * gains.K
-    yield Measured(
-        abs(square - four) < 1e-9,
-        '(d_bar + D)^2 = {:g} and 4 m K = {:g}, so D = {:g} N s/m is the right one',
-        (square, four, critical_damping(gains)),
-    )
+    text = '(d_bar + D)^2 = {:g} and 4 m K = {:g}, so D = {:g} N s/m is the right one'
+    yield Measured(abs(square - four) < 1e-9, text, (square, four, critical_damping(gains)))
 
 
 @claim('(25)', 'after the velocity jump the axis surely hits e = 0 for any damping below d_bar')
@@ -184,12 +153,8 @@ def reaches_zero(case: Case, coulomb: Case) -> Iterator[Measured]:
         'without Coulomb friction',
     )
     least = least_start(coulomb)
-    yield Measured(
-        least <= coulomb.axis.x_0,
-        'not from {:g} m as in Fig. 5; only from above {:.3f} m',
-        (coulomb.axis.x_0, least),
-        'with F_c = 1 N',
-    )
+    text = 'not from {:g} m as in Fig. 5; only from above {:.3f} m'
+    yield Measured(least <= coulomb.axis.x_0, text, (coulomb.axis.x_0, least), 'with F_c = 1 N')
 
 
 def zero_time(case: Case, d: float) -> float:
@@ -215,12 +180,8 @@ def least_start(coulomb: Case) -> float:
 def weight_of_one(case: Case, coulomb: Case) -> Iterator[Measured]:
     axis = replace(coulomb.axis, x_0=0.04)
     rest = abs(simulate(axis, replace(coulomb.gains, c=1.0), SECONDS).position[-1])
-    yield Measured(
-        bool(rest < 0.01 * axis.x_0),
-        'from {:g} m, where PD sticks, it moves on to {:.3f} mm after 2 s',
-        (axis.x_0, 1e3 * rest),
-        'a sticking axis',
-    )
+    text = 'from {:g} m, where PD sticks, it moves on to {:.3f} mm after 2 s'
+    yield Measured(bool(rest < 0.01 * axis.x_0), text, (axis.x_0, 1e3 * rest), 'a sticking axis')
     jump = solve(case.axis, replace(case.gains, c=1.0), SECONDS).events['velocity_after'][0]
     wanted = case.strict.events['velocity_after'][0]
     yield Measured(
