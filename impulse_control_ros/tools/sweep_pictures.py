@@ -1,9 +1,9 @@
 """
 Pictures of a study: its shape is that of its axes.
 
-No axis: the distribution of each figure of merit. One: its median and the band from 5 to 95 %
-along the axis. Two: a heat map of its median. More: the distributions over all points. Quantiles
-are those of the summary, so a median that never settles is grey or leaves a gap.
+No axis: the distribution of each metric. One: its median and the band from 5 to 95 % along the
+axis. Two: a heat map of its median. More: the distributions over all points. Quantiles are those
+of the summary, so a median that never settles is grey or leaves a gap.
 """
 
 from collections.abc import Callable
@@ -16,27 +16,20 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from impulse_control_ros.core.batch import found
+from impulse_control_ros.core.metric_catalogue import Metric, Quantity
 from impulse_control_ros.core.sweep_config import SweepConfig
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.sweep_summary import (
-    Column,
-    quantiles,
-    shown,
-    shown_metrics,
-)
+from impulse_control_ros.tools.paper.command import saved
+from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown, shown_metrics
 
 WIDE = 3  # panels in a row
+DPI = 110
 BINS = 50
 TICKS = 6
 DECADES = 100.0  # a larger ratio of the values is shown on a log scale
-EXTEND = {
-    (False, False): 'neither',
-    (True, False): 'min',
-    (False, True): 'max',
-    (True, True): 'both',
-}
+EXTEND = ('neither', 'min', 'max', 'both')  # of a colour bar: 1 below, 2 above
 BLUE, GREY = '#1f5a94', '#c8c8c8'
-Panel = Callable[[Any, SweepConfig, str, np.ndarray], None]
+Panel = Callable[[Any, SweepConfig, Metric, np.ndarray], None]
 
 
 def save_pictures(study: SweepConfig, column: Column, folder: Path, name: str) -> list[Path]:
@@ -45,45 +38,41 @@ def save_pictures(study: SweepConfig, column: Column, folder: Path, name: str) -
     paths = [folder / 'figures.png', folder / 'figures.pdf']
     for path in paths:
         with replaced(path) as made:
-            # no date: the same study gives the same files
-            metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
-            figure.savefig(made, dpi=110, format=path.suffix[1:], metadata=metadata)
+            made.write_bytes(saved(figure, path.suffix[1:], DPI))
     return paths
 
 
 def picture(study: SweepConfig, column: Column, name: str) -> Figure:
-    """Return the picture of a study: a panel for each figure of merit."""
-    columns = shown_metrics(study)
-    high = -(-len(columns) // WIDE)
+    """Return the picture of a study: a panel for each metric."""
+    metrics = shown_metrics(study)
+    high = -(-len(metrics) // WIDE)
     figure = Figure(figsize=(4.2 * WIDE, 3.0 * high), layout='constrained')
     panels = figure.subplots(high, WIDE, squeeze=False).flat
     draw, what = STYLES.get(len(study.axes), (distribution, 'all points together'))
-    for axes, key in zip(panels, columns, strict=False):
-        values = shown(column, key)
-        draw(axes, study, key, values)
+    for axes, (key, metric) in zip(panels, metrics.items(), strict=False):
+        draw(axes, study, metric, shown(column, key))
     for axes in list(panels):
         axes.remove()
-    points = math.prod(len(values) for values in study.axes.values())
-    runs = f'{study.extent.runs:,} run' + ('s' if study.extent.runs > 1 else '')
-    extent = f'{points:,} points, {runs} each' if study.axes else runs
-    figure.suptitle(
-        f'{name}: {extent}, {study.extent.duration:g} s long'
-        + ('' if study.axes and study.extent.runs == 1 else f'; {what}')
-    )
+    extent = f'{study.extent.runs:,} run' + ('s' if study.extent.runs > 1 else '')
+    if study.axes:
+        extent = f'{study.rows // study.extent.runs:,} points, {extent} each'
+        what = what if study.extent.runs > 1 else ''
+    title = f'{name}: {extent}, {study.extent.duration:g} s long'
+    figure.suptitle('; '.join(filter(None, [title, what])))
     return figure
 
 
-def left_out(key: str, values: np.ndarray) -> str:
+def left_out(metric: Metric, values: np.ndarray) -> str:
     """Say how many runs a panel leaves out, if any."""
     share = float(np.mean(np.isnan(values)))
-    why = 'never settle' if key.startswith('settling') else 'diverge'
+    why = 'never settle' if metric.undefined == 'never' else 'diverge'
     return f'{100.0 * share:.3g} % of the runs {why}' if share else ''
 
 
-def distribution(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
+def distribution(axes: Any, study: SweepConfig, metric: Metric, values: np.ndarray) -> None:
     """Draw a histogram, with the median."""
-    axes.set_title(left_out(key, values), fontsize=10)
-    axes.set(xlabel=shown_metrics(study)[key].label, ylabel='share of the runs')
+    axes.set_title(left_out(metric, values), fontsize=10)
+    axes.set(xlabel=metric.label, ylabel='share of the runs')
     if is_same(axes, values, 'in all runs'):
         return
     finite = values[np.isfinite(values)]
@@ -92,43 +81,34 @@ def distribution(axes: Any, study: SweepConfig, key: str, values: np.ndarray) ->
     if len(drawn) < len(finite):
         note = f'{100.0 * (1.0 - len(drawn) / len(values)):.3g} % of the runs are not shown'
         axes.set_title(note, fontsize=10)
-    axes.hist(
-        drawn,
-        bins(drawn, is_log, key == 'impulses'),
-        color=BLUE,
-        weights=np.full(len(drawn), 1.0 / len(values)),
-    )
+    weights = np.full(len(drawn), 1.0 / len(values))
+    axes.hist(drawn, bins(drawn, is_log, not metric.unit), color=BLUE, weights=weights)
     axes.margins(x=0.03, y=0.2)
     axes.yaxis.set_major_formatter(lambda share, _: f'{100.0 * share:g} %')
     if is_log:
         axes.set_xscale('log')
     else:
         axes.ticklabel_format(axis='x', scilimits=(-3, 5))
-    mark_median(axes, float(quantiles(values, (0.5,))[0]))
+    mark_median(axes, metric, float(quantiles(values, (0.5,))[0]))
 
 
-def mark_median(axes: Any, median: float) -> None:
+def mark_median(axes: Any, metric: Metric, median: float) -> None:
     """Draw the median, unless it is no value of the axis; its text on the side with room."""
     if not (math.isfinite(median) and (median > 0.0 or axes.get_xscale() == 'linear')):
         return
     axes.axvline(median, color='black', lw=1, ls='--')
     place = axes.transAxes.inverted().transform(axes.transData.transform((median, 0.0)))[0]
-    side = 'left' if place < 0.5 else 'right'
+    offset, side = (4, 'left') if place < 0.5 else (-4, 'right')
     axes.annotate(
-        f'median {median:.4g}',
+        f'median {metric.text(median)}',
         (median, 1.0),
-        (4 if side == 'left' else -4, -4),
-        xycoords=('data', 'axes fraction'),
-        textcoords='offset points',
+        (offset, -4),
+        ('data', 'axes fraction'),
+        'offset points',
         va='top',
         ha=side,
         fontsize=9,
     )
-
-
-def name_panel(axes: Any, study: SweepConfig, key: str, note: str) -> None:
-    """Say above a panel which figure of merit it has, and ``note``."""
-    axes.set_title('\n'.join(filter(None, [shown_metrics(study)[key].label, note])), fontsize=10)
 
 
 def is_same(axes: Any, values: np.ndarray, where: str) -> bool:
@@ -170,14 +150,13 @@ def bins(values: np.ndarray, is_log: bool, is_count: bool) -> np.ndarray:
     return np.linspace(low, high, BINS + 1) if high > low else np.array([low - 0.5, low + 0.5])
 
 
-def along_axis(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
+def along_axis(axes: Any, study: SweepConfig, metric: Metric, values: np.ndarray) -> None:
     """Draw the median along the one axis, and the band from 5 to 95 %."""
     ((name, points),) = study.axes.items()
-    low, middle, high = quantiles(
-        values.reshape(len(points), study.extent.runs), (0.05, 0.5, 0.95)
-    )
+    runs = values.reshape(len(points), study.extent.runs)
+    low, middle, high = quantiles(runs, (0.05, 0.5, 0.95))
     axes.set_xlabel(axis_label(name))
-    name_panel(axes, study, key, left_out(key, values))
+    axes.set_title('\n'.join([metric.label, left_out(metric, values)]).strip(), fontsize=10)
     if is_same(axes, np.concatenate([low, middle, high]), 'at all points'):
         return
     # where the 95 % quantile never settles the band is open: it ends at the top
@@ -198,48 +177,37 @@ def along_axis(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> N
     axes.grid(alpha=0.3)
 
 
-def heat_map(axes: Any, study: SweepConfig, key: str, values: np.ndarray) -> None:
+def heat_map(axes: Any, study: SweepConfig, metric: Metric, values: np.ndarray) -> None:
     """Draw the median over the two axes; the first one goes up, the second to the right."""
-    (up, rows), (right, columns) = study.axes.items()
-    middle = quantiles(values.reshape(len(rows), len(columns), study.extent.runs), (0.5,))[0]
-    grey = '; grey: half or more' if study.extent.runs > 1 else '; grey: these'
-    note = left_out(key, values)
-    note += grey if np.isnan(middle).any() else ''
-    name_panel(axes, study, key, note)
+    shape = *(len(points) for points in study.axes.values()), study.extent.runs
+    middle = quantiles(values.reshape(shape), (0.5,))[0]
+    note = left_out(metric, values)
+    if np.isnan(middle).any():
+        note += '; grey: half or more' if study.extent.runs > 1 else '; grey: these'
+    axes.set_title('\n'.join([metric.label, note]).strip(), fontsize=10)
     if is_same(axes, middle, 'at all points'):
         return
     low, high, is_log = span(middle[np.isfinite(middle)])
     axes.set_facecolor(GREY)
     # what is below the scale, as 0 is, has its darkest colour
-    drawn = np.maximum(middle, 0.5 * low) if is_log else middle
-    image = axes.imshow(
-        np.ma.masked_invalid(drawn),
-        origin='lower',
-        aspect='auto',
-        interpolation='nearest',
-        norm=LogNorm(low, high) if is_log else Normalize(low, high),
-    )
-    beyond = (bool((middle < low).any()), bool((middle > high).any()))
-    bar = axes.figure.colorbar(image, ax=axes, extend=EXTEND[beyond])
+    drawn = np.ma.masked_invalid(np.maximum(middle, 0.5 * low) if is_log else middle)
+    norm = LogNorm(low, high) if is_log else Normalize(low, high)
+    image = axes.imshow(drawn, norm=norm, origin='lower', aspect='auto', interpolation='nearest')
+    beyond = EXTEND[(middle < low).any() + 2 * (middle > high).any()]
+    bar = axes.figure.colorbar(image, ax=axes, extend=beyond)
     if not is_log:
         bar.formatter.set_powerlimits((-3, 5))
-    for axis, name, points in ((axes.yaxis, up, rows), (axes.xaxis, right, columns)):
-        labels = [label(point) for point in points]
+    for axis, (name, points) in zip((axes.yaxis, axes.xaxis), study.axes.items(), strict=True):
+        labels = [format(one, '.3g') if type(one) is float else str(one) for one in points]
         most = TICKS if max(map(len, labels)) < 6 else TICKS // 2  # long ones would overlap
-        places = range(0, len(points), -(-(len(points) - 1) // most) or 1)
-        axis.set_ticks(places, [labels[place] for place in places])
+        step = -(-(len(points) - 1) // most) or 1
+        axis.set_ticks(range(0, len(points), step), labels[::step])
         axis.set_label_text(axis_label(name))
-
-
-def label(value: Any) -> str:
-    """Return a value of an axis, short."""
-    return format(value, '.3g') if type(value) is float else str(value)
 
 
 def axis_label(name: str) -> str:
     """Return e.g. ``F_c [N]``."""
-    unit = found(name)[3].unit
-    return f'{name} [{unit}]' if unit else name
+    return Quantity(name, found(name)[3].unit, '').label
 
 
 STYLES: dict[int, tuple[Panel, str]] = {
