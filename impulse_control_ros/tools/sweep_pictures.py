@@ -18,8 +18,7 @@ import numpy as np
 from impulse_control_ros.core.batch import found
 from impulse_control_ros.core.metric_catalogue import Metric, Quantity
 from impulse_control_ros.core.sweep_config import SweepConfig
-from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.paper.command import saved
+from impulse_control_ros.tools.figures import save
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown, shown_metrics
 
 WIDE = 3  # panels in a row
@@ -37,8 +36,7 @@ def save_pictures(study: SweepConfig, column: Column, folder: Path, name: str) -
     figure = picture(study, column, name)
     paths = [folder / 'figures.png', folder / 'figures.pdf']
     for path in paths:
-        with replaced(path) as made:
-            made.write_bytes(saved(figure, path.suffix[1:], DPI))
+        save(figure, path, DPI)
     return paths
 
 

@@ -19,8 +19,7 @@ from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.sweep_config_file import identity, read_study
 from impulse_control_ros.files.sweep_folder import SweepFolder
 from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.paper.command import DOCS_DPI, saved
-from impulse_control_ros.tools.paper.drawing import STYLE
+from impulse_control_ros.tools.figures import DOCS_DPI, save, STYLE
 from impulse_control_ros.tools.sweep import finish
 from impulse_control_ros.tools.sweep_summary import Column
 from impulse_control_ros.tools.sweep_workers import local_workers
@@ -80,10 +79,8 @@ def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
         else:
             comparison = compared(study, column)
             lines = block(name, comparison)
-            with rc_context(STYLE), replaced(docs / f'{name}.png') as made:
-                made.write_bytes(
-                    saved(picture(comparison, study.extent.duration), 'png', DOCS_DPI)
-                )
+            with rc_context(STYLE):
+                save(picture(comparison, study.extent.duration), docs / f'{name}.png', DOCS_DPI)
         page = renewed(page, name, lines)
     with replaced(path) as made:
         made.write_text(page)

@@ -10,9 +10,10 @@ from matplotlib import rc_context
 import numpy as np
 import pytest
 
+from impulse_control_ros.tools.figures import STYLE
 from impulse_control_ros.tools.paper import command
 from impulse_control_ros.tools.paper.document import caption, renewed, TITLES
-from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+from impulse_control_ros.tools.paper.drawing import draw, DRAWN
 from test.conftest import BIN, ROOT
 
 PAGE = (ROOT / 'docs' / 'paper.md').read_text()

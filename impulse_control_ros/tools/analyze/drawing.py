@@ -18,8 +18,7 @@ from impulse_control_ros.plotting import (
     VELOCITY,
 )
 from impulse_control_ros.tools.analyze.run import Run
-from impulse_control_ros.tools.paper.command import PRINT_DPI, saved
-from impulse_control_ros.tools.paper.drawing import STYLE, WIDTH
+from impulse_control_ros.tools.figures import PRINT_DPI, saved, STYLE, WIDTH
 
 COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
 PANELS = {

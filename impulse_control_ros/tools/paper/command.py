@@ -9,25 +9,19 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from importlib.util import find_spec
-from io import BytesIO
 from pathlib import Path
 import sys
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.tools.arguments import Parser
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from impulse_control_ros.tools.paper.claim import Claim
     from impulse_control_ros.tools.paper.runs import Runs
 
 NAME = 'paper_figures'
-# Without dates and versions the same runs give the same bytes.
-FORMATS: dict[str, dict[str, Any]] = {'png': {'Software': None}, 'pdf': {'CreationDate': None}}
-PRINT_DPI, DOCS_DPI = 200, 120
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -63,42 +57,30 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def saved(drawn: Figure, suffix: str, dpi: int) -> bytes:
-    """Return a figure as the content of a file."""
-    content = BytesIO()
-    drawn.savefig(content, format=suffix, dpi=dpi, metadata=FORMATS[suffix])
-    return content.getvalue()
-
-
-def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
-    """Write every figure with its caption, as PNG and PDF."""
+def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim], docs: bool = False) -> None:
+    """Write every figure: as PNG and PDF with its caption, or for the ``docs`` as PNG alone."""
     from matplotlib import rc_context
 
+    from impulse_control_ros.tools.figures import DOCS_DPI, PRINT_DPI, save, STYLE
     from impulse_control_ros.tools.paper.document import caption
-    from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
+    from impulse_control_ros.tools.paper.drawing import draw, DRAWN
 
+    suffixes, dpi = (('png',), DOCS_DPI) if docs else (('png', 'pdf'), PRINT_DPI)
     with rc_context(STYLE):
         for figure in DRAWN:
-            drawn = draw(figure, runs, caption(figure, claims))
-            for suffix in FORMATS:
-                with replaced(folder / f'fig{figure}.{suffix}') as path:
-                    path.write_bytes(saved(drawn, suffix, PRINT_DPI))
+            drawn = draw(figure, runs, '' if docs else caption(figure, claims))
+            for suffix in suffixes:
+                save(drawn, folder / f'fig{figure}.{suffix}', dpi)
 
 
 def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     """Renew paper.md and its pictures, whose captions it holds."""
-    from matplotlib import rc_context
-
     from impulse_control_ros.tools.paper.document import renewed
-    from impulse_control_ros.tools.paper.drawing import draw, DRAWN, STYLE
 
     page = folder / 'paper.md'
     with replaced(page) as path:
         path.write_text(renewed(page.read_text(), claims))
-    with rc_context(STYLE):
-        for figure in DRAWN:
-            with replaced(folder / f'fig{figure}.png') as path:
-                path.write_bytes(saved(draw(figure, runs), 'png', DOCS_DPI))
+    write_figures(folder, runs, claims, docs=True)
 
 
 def run(arguments: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from impulse_control_ros.core.design import dead_zone
 from impulse_control_ros.plotting import phase_plane, POSITION, TIME, VELOCITY
+from impulse_control_ros.tools.figures import WIDTH
 from impulse_control_ros.tools.paper.runs import Case, FRICTION_SECONDS, Runs
 
 # The Okabe-Ito colours, which stay apart for any eye; the dashes do so in print.
@@ -27,18 +28,7 @@ STRICT: dict[str, Any] = {
     'label': 'exact, read strictly',
     'linestyle': (0, (1, 1.5)),
 }
-STYLE: dict[Any, Any] = {  # Any: the names that matplotlib allows vary
-    'font.size': 9.0,
-    'axes.titlesize': 9.0,
-    'legend.fontsize': 8.0,
-    'axes.grid': True,
-    'grid.alpha': 0.3,
-    'lines.linewidth': 1.4,
-    'legend.framealpha': 0.9,
-    'pdf.fonttype': 42,
-    'axes.formatter.useoffset': False,
-}
-WIDTH, LINE = 9.0, 0.155  # in; of a figure, and from line to line of its caption
+LINE = 0.155  # in; from line to line of a caption
 COLUMNS, NO_BREAK = 148, '\xa0'  # of a line of the caption
 
 
@@ -99,9 +89,8 @@ def exact(case: Case, state: int, end: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cascade(axes: Axes, case: Case, state: int, scale: float) -> None:
-    """Draw position or velocity around the first position zero; the shade is one sample."""
-    zero = case.strict.end_time
-    run = case.run
+    """Draw position or velocity around the first position zero."""
+    run, zero = case.run, case.strict.end_time
     near = np.flatnonzero(np.abs(run.time - zero - 1.0e-3) < 1.6e-3)
     offset = 1e3 * (run.time[near] - zero)
     time = np.linspace(zero - 0.6e-3, zero + 2.6e-3, 400)
@@ -116,23 +105,11 @@ def cascade(axes: Axes, case: Case, state: int, scale: float) -> None:
 
 def fig3(figure: Figure, runs: Runs) -> None:
     """Show the damping over time, and its bounds."""
-    axes = figure.subplots()
-    case = runs.varying
-    damping = case.axis.damping
-    axes.plot(
-        case.run.time[:-1],
-        case.run.damping,
-        color='black',
-        linewidth=1.0,
-        label=f'white noise through a filter of {damping.bandwidth:g} Hz, seed {damping.seed}',
-    )
-    for bound, name in ((damping.upper, 'upper'), (damping.lower, 'lower')):
-        axes.axhline(
-            bound,
-            color='#CC79A7',
-            linestyle='--',
-            label='bounds of (1)' if name == 'upper' else None,
-        )
+    axes, run, damping = figure.subplots(), runs.varying.run, runs.varying.axis.damping
+    text = f'white noise through a filter of {damping.bandwidth:g} Hz, seed {damping.seed}'
+    axes.plot(run.time[:-1], run.damping, color='black', linewidth=1.0, label=text)
+    for bound, label in ((damping.upper, 'bounds of (1)'), (damping.lower, None)):
+        axes.axhline(bound, color='#CC79A7', linestyle='--', label=label)
     axes.set(xlabel=TIME, ylabel='damping d(t) [N s/m]', xlim=(0.0, 2.0), ylim=(0.0, 1.9))
     axes.legend(loc='upper right', ncols=2)
 
@@ -161,15 +138,9 @@ def fig5(figure: Figure, runs: Runs) -> None:
     inset = plane.inset_axes((0.13, 0.33, 0.38, 0.4))
     zone = dead_zone(runs.coulomb.gains, runs.coulomb.axis.F_c)
     for axes in (plane, inset):
-        axes.plot(
-            (-zone, zone),
-            (0.0, 0.0),
-            color='0.75',
-            linewidth=6.0,
-            zorder=0,
-            solid_capstyle='butt',
-            label=f'$\\pm F_c/K$ = $\\pm${zone:g} m: PD sticks',
-        )
+        style = {'color': '0.75', 'linewidth': 6.0, 'zorder': 0, 'solid_capstyle': 'butt'}
+        label = f'$\\pm F_c/K$ = $\\pm${zone:g} m: PD sticks'
+        axes.plot((-zone, zone), (0.0, 0.0), label=label, **style)
         for case, style in ((runs.pd_coulomb, PD), (runs.coulomb, IMPULSES)):
             axes.plot(case.run.position, case.run.velocity, **style)
     phase_plane(plane)
@@ -186,20 +157,13 @@ def error_over_time(axes: Axes, runs: Runs) -> None:
     """Draw abs(e) without and with impulses, exactly and at each time step."""
     axes.semilogy(runs.pd_coulomb.run.time, runs.pd_coulomb.run.position, **PD)
     grid = np.linspace(0.0, FRICTION_SECONDS, 601)
-    axes.semilogy(
-        grid,
-        runs.coulomb.strict.at(grid)[0],
-        **STRICT | {'label': 'exact, either reading', 'zorder': 3},
-    )
+    style = STRICT | {'label': 'exact, either reading', 'zorder': 3}
+    axes.semilogy(grid, runs.coulomb.strict.at(grid)[0], **style)
     shades = ('#E69F00', IMPULSES['color'], '#882255')
     for (step, run), color in zip(runs.steps.items(), shades, strict=True):
         thin = slice(None, None, max(1, round(1e-3 / step)))
-        axes.semilogy(
-            run.time[thin],
-            np.abs(run.position[thin]),
-            color=color,
-            label=f'sampled, time step {step:g} s',
-        )
+        label = f'sampled, time step {step:g} s'
+        axes.semilogy(run.time[thin], np.abs(run.position[thin]), color=color, label=label)
     axes.set(xlabel=TIME, ylabel='|error| [m]', xlim=(0.0, FRICTION_SECONDS), ylim=(5e-7, 0.5))
     axes.legend(loc='lower left')
 

@@ -8,19 +8,11 @@ import numpy as np
 from impulse_control_ros.core.design import dead_zone, sampled_floor
 from impulse_control_ros.core.hybrid import End, solve
 from impulse_control_ros.core.impulse import POSITION_ZERO
-from impulse_control_ros.tools.paper.claim import Claim, claim, Measured
+from impulse_control_ros.tools.paper.claim import claim, Measured
 from impulse_control_ros.tools.paper.gain_claims import TINY
 from impulse_control_ros.tools.paper.runs import Case, Runs
 
 WHERE = 'Fig. 5, section IV-C'
-
-
-def friction_claims(runs: Runs) -> Iterator[Claim]:
-    """Yield the claims on Fig. 5 in the paper's order."""
-    yield sticks(runs.pd_coulomb)
-    yield first_stop(runs.coulomb)
-    yield converges(runs)
-    yield both_axes(runs.coulomb)
 
 
 @claim(WHERE, 'PD alone sticks for ever within +-F_c / K of the set-point')

@@ -15,25 +15,12 @@ from impulse_control_ros.core.hybrid import End, Reading, Solution, solve
 from impulse_control_ros.core.impulse import POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import peak, settling_time
 from impulse_control_ros.core.simulate import Run, simulate
-from impulse_control_ros.tools.paper.claim import Claim, claim, Measured
-from impulse_control_ros.tools.paper.runs import Case, Runs, SECONDS
+from impulse_control_ros.tools.paper.claim import claim, Measured
+from impulse_control_ros.tools.paper.runs import Case, SECONDS
 
 STRICT, ONE_JUMP, SAMPLED = 'read strictly', 'one jump a crossing', 'sampled at 10 kHz'
 SOON = 5e-3  # s: what we take for "almost immediate"
 FINE, TINY = 1e-3, 1e-6  # m
-
-
-def gain_claims(runs: Runs) -> Iterator[Claim]:
-    """Yield the claims of section III in the paper's order."""
-    case = runs.impulses
-    yield one_successor(case)
-    yield alpha_stops(case)
-    yield alpha_too_small(case)
-    yield alpha_cycles(case)
-    yield alpha_range(case)
-    yield critical(case)
-    yield reaches_zero(case, runs.coulomb)
-    yield weight_of_one(case, runs.coulomb)
 
 
 def with_ratio(case: Case, ratio: float) -> tuple[Run, Solution, Solution]:

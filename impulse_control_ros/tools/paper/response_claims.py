@@ -8,7 +8,7 @@ import numpy as np
 from impulse_control_ros.core.hybrid import End, Solution, solve
 from impulse_control_ros.core.metrics import first_position_zero, overshoot, peak, settling_time
 from impulse_control_ros.core.simulate import Run
-from impulse_control_ros.tools.paper.claim import Claim, claim, Measured
+from impulse_control_ros.tools.paper.claim import claim, Measured
 from impulse_control_ros.tools.paper.gain_claims import (
     FINE,
     ONE_JUMP,
@@ -24,19 +24,6 @@ from impulse_control_ros.tools.paper.runs import Case, Runs
 NEGLIGIBLE = 1e-2  # of the start: what we take for negligible
 FIG_1, FIG_2 = 'Fig. 1, section IV', 'Fig. 2, section IV-A'
 FIG_3, FIG_4 = 'Fig. 3, section IV-B', 'Fig. 4, section IV-B'
-
-
-def response_claims(runs: Runs) -> Iterator[Claim]:
-    """Yield the claims on Figs. 1 to 4 in the paper's order."""
-    yield critical_response(runs.pd_upper)
-    yield oscillates(runs.pd_lower)
-    yield faster(runs.impulses, runs.pd_lower)
-    yield linear(runs.impulses)
-    yield peak_velocity(runs.impulses, runs.pd_lower)
-    yield minor_peaks(runs.impulses, runs.pd_lower)
-    yield bounded_damping(runs.varying)
-    yield comparable(runs)
-    yield immediate(runs)
 
 
 def settled_exactly(solution: Solution, time: np.ndarray, tolerance: float = FINE) -> float:
