@@ -223,6 +223,10 @@ SAMPLE_COLUMNS = {
     'damping': Quantity('damping', 'N s/m', 'd, if it was published at this sample'),
     'is_reset': Quantity('is_reset', '', 'whether a run or an episode starts here'),
 }
-ERROR = Quantity('error', 'm', 'e = x - x_r')
-FEEDBACK = Quantity('PD effort', 'N', 'u without its impulsive part')
-IMPULSE = Quantity('impulses', 'N', 'impulsive part of u')
+PANELS = {  # of a run over time
+    'position': SAMPLE_COLUMNS['position'],
+    'velocity': SAMPLE_COLUMNS['velocity'],
+    'feedback': Quantity('PD effort', 'N', 'u without its impulsive part'),
+    'impulse': Quantity('impulse effort', 'N', 'impulsive part of u'),
+    'damping': SAMPLE_COLUMNS['damping'],
+}

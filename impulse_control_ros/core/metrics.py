@@ -95,6 +95,11 @@ def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[in
     return begins, float(np.diff(time)[between].sum())
 
 
+def differs(values: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Tell where efforts [N] differ from a reference by more than rounding, shape (n,)."""
+    return np.abs(values - reference) > ROUNDING * np.maximum(1.0, np.abs(values))
+
+
 def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np.ndarray:
     """
     Return the part [N] of the ``effort`` [N] that impulses are, shape (n,) like all.
@@ -102,12 +107,10 @@ def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np
     An impulse acts from the sample that ``fired`` it (bool) until the effort is the ``feedback``
     [N] again; whatever else differs from the feedback is no impulse.
     """
-    excess = effort - feedback
-    place = np.arange(len(effort))
-    differs = np.abs(excess) > ROUNDING * np.maximum(1.0, np.abs(effort))
+    place, apart = np.arange(len(effort)), differs(effort, feedback)
     last_fired = np.maximum.accumulate(np.where(fired, place, -1))
-    last_alike = np.maximum.accumulate(np.where(differs, -1, place))
-    return np.where(differs & (last_fired > last_alike), excess, 0.0)
+    last_alike = np.maximum.accumulate(np.where(apart, -1, place))
+    return np.where(apart & (last_fired > last_alike), effort - feedback, 0.0)
 
 
 @compiled

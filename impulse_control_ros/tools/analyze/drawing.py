@@ -8,26 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
+from impulse_control_ros.core.metric_catalogue import PANELS
 from impulse_control_ros.core.tick import SECOND
-from impulse_control_ros.plotting import (
-    legend_entries,
-    mark_impulses,
-    phase_plane,
-    POSITION,
-    TIME,
-    VELOCITY,
-)
+from impulse_control_ros.plotting import legend_entries, mark_impulses, phase_plane, TIME
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.figures import PRINT_DPI, saved, STYLE, WIDTH
 
 COLORS = ('#0072B2', '#D55E00', 'black', '#56B4E9', '#882255', '#999933')
-PANELS = {
-    'position': POSITION,
-    'velocity': VELOCITY,
-    'feedback': 'PD effort [N]',
-    'impulse': 'impulses [N]',
-    'damping': 'damping [N s/m]',
-}
 HEIGHT = 1.35  # in; of a panel
 CLOSE = 0.01  # share of the largest error that is near the origin
 
@@ -58,7 +45,7 @@ def drawn(runs: Sequence[Run]) -> Figure:
             axes.plot(run.error, run.states['velocity'], color=color)
             mark_impulses(axes, run.error, run.states['velocity'], *impulses)
     for axes, name in zip(panels, names, strict=True):
-        axes.set_ylabel(PANELS[name])
+        axes.set_ylabel(PANELS[name].label)
     panels[-1].set_xlabel(TIME)
     for axes in (plane, near):
         phase_plane(axes)

@@ -10,7 +10,8 @@ from plotly.offline import get_plotlyjs
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.impulse import GUARDS
-from impulse_control_ros.core.metrics import ROUNDING
+from impulse_control_ros.core.metric_catalogue import PANELS
+from impulse_control_ros.core.metrics import differs
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.tools.analyze.packing import deflated, on_grid, packed
 from impulse_control_ros.tools.analyze.run import Run
@@ -25,6 +26,7 @@ def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
     facts = {
         'version': __version__,
         'guards': GUARDS,
+        'panels': {name: panel.label for name, panel in PANELS.items()},
         'table': rows_of(responses),
         'runs': [facts_of(run) for run in runs],
     }
@@ -60,8 +62,7 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     yield 'velocity', states['velocity']
     yield 'impulse', run.impulse
     # the feedback is the law's, nearly always: nothing else is to be packed
-    rest = run.feedback - run.law
-    yield 'rest', np.where(np.abs(rest) > ROUNDING * np.maximum(1.0, np.abs(run.law)), rest, 0.0)
+    yield 'rest', np.where(differs(run.feedback, run.law), run.feedback - run.law, 0.0)
     yield 'fired', run.fired
     yield 'guard', run.recording.impulses['guard']
     yield 'damping_at', np.searchsorted(states['stamp'][:-1], damping['stamp'])
@@ -71,11 +72,7 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 def facts_of(run: Run) -> dict[str, Any]:
     """Return what the page says of a run, and needs to draw it."""
     recording, stamps = run.recording, run.states['stamp']
-    cut = (
-        ''
-        if recording.unread is None
-        else (f'cut off: {recording.unread} bytes at the end could not be read')
-    )
+    cut = f'cut off: {recording.unread} bytes at the end could not be read'
     return {
         'name': run.name,
         'count': len(stamps),
@@ -98,7 +95,7 @@ def facts_of(run: Run) -> dict[str, Any]:
                 ('recorded by', f'impulse_control_ros {recording.version}'),
                 ('first state at', f'{stamps[0] / SECOND:.9f} s'),
                 *recording.recording_summary.items(),
-                *([('end', cut)] if cut else []),
+                *([] if recording.unread is None else [('end', cut)]),
             ]
         ),
     }

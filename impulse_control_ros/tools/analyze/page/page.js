@@ -6,13 +6,7 @@ const GUARDS = {
   velocity_zero: {words: 'impulse at v = 0', color: '#009E73', symbol: 'diamond'},
   sticking: {words: 'impulse while sticking', color: '#E69F00', symbol: 'square'},
 };
-const PANELS = [
-  {key: 'position', title: 'position [m]', marked: true},
-  {key: 'velocity', title: 'velocity [m/s]', marked: true},
-  {key: 'feedback', title: 'effort of PD [N]', marked: false},
-  {key: 'impulse', title: 'effort of impulses [N]', marked: true},
-  {key: 'damping', title: 'damping [N s/m]', marked: false},
-];
+const MARKED = ['position', 'velocity', 'impulse'];  // panels that show the impulses
 const LEFT = 58;  // pixels
 const RIGHT = 12;
 const TOP = 40;
@@ -77,7 +71,7 @@ function series(run, key) {
 
 /** Return the panels that have anything to show. */
 function panels() {
-  return PANELS.filter(({key}) => runs.some((run) => series(run, key)[1].length));
+  return Object.keys(facts.panels).filter((key) => runs.some((run) => series(run, key)[1].length));
 }
 
 /** Return the layout of the panels, one below the other on one axis of time. */
@@ -90,11 +84,11 @@ function timeLayout() {
     xaxis: {...AXIS, range: [-0.01 * end(), 1.01 * end()], anchor: `y${count}`,
             title: {text: 'time [s]'}},
   };
-  panels().forEach(({title}, number) => {
+  panels().forEach((key, number) => {
     const top = 1 - number * (PANEL + GAP) / height;
     layout[`yaxis${number + 1}`] = {...AXIS, nticks: 5, domain: [top - PANEL / height, top]};
     layout.annotations.push({
-      text: `<b>${title}</b>`, xref: 'paper', x: 0, xanchor: 'left', yref: 'paper', y: top,
+      text: `<b>${facts.panels[key]}</b>`, xref: 'paper', x: 0, xanchor: 'left', yref: 'paper', y: top,
       yanchor: 'bottom', showarrow: false});
   });
   return layout;
@@ -111,7 +105,7 @@ function drawTime(layout) {
   const traces = [];
   let count = 0;
   let all = true;
-  panels().forEach(({key, marked}, number) => {
+  panels().forEach((key, number) => {
     const axis = {xaxis: 'x', yaxis: `y${number + 1}`};
     for (const run of runs.filter((one) => !hidden.has(one.name))) {
       const part = thinned(...series(run, key), from, to, bins('time'));
@@ -124,7 +118,9 @@ function drawTime(layout) {
         ...part, ...axis, name: run.name, meta: key, type: 'scatter',
         mode: WIDE * part.count < bins('time') ? 'lines+markers' : 'lines', marker: {size: 4},
         line: {color: run.color, width: 1.4}, hovertemplate: '%{y:.6g} at %{x:.6g} s'});
-      if (marked) traces.push(...guardMarks(run, key, from, to).map((one) => ({...one, ...axis})));
+      if (MARKED.includes(key)) {
+        traces.push(...guardMarks(run, key, from, to).map((one) => ({...one, ...axis})));
+      }
     }
   });
   Plotly.react('time', traces, layout, CONFIG);
