@@ -29,10 +29,6 @@ class SweepError(ImpulseControlError, RuntimeError):
     """A sweep that cannot continue; the message says why and what to do."""
 
 
-class ForeignCodeError(ImpulseControlError, RuntimeError):
-    """A worker of a sweep runs another version of this package."""
-
-
 class MissingPackageError(ImpulseControlError, ImportError):
     """An optional package is not installed; the message gives the command that installs it."""
 

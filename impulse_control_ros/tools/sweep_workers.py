@@ -27,7 +27,7 @@ import numpy as np
 from tqdm import tqdm
 
 from impulse_control_ros.core.sweep_config import run_chunk, SweepConfig
-from impulse_control_ros.errors import ForeignCodeError, SweepError
+from impulse_control_ros.errors import SweepError
 from impulse_control_ros.files.sweep_config_file import code_digest
 from impulse_control_ros.stop import StopRequest
 
@@ -49,7 +49,7 @@ class Workers:
 def verified_chunk(study: SweepConfig, number: int, code: str) -> Columns:
     """Run a chunk, if the code here is that of the sweep."""
     if code_digest() != code:
-        raise ForeignCodeError('a worker has another version of impulse_control_ros')
+        raise SweepError('a worker has another version of impulse_control_ros')
     return run_chunk(study, number)
 
 
@@ -112,10 +112,7 @@ def connected(address: str) -> Any:
 
 
 def computed(
-    workers: Workers,
-    study: SweepConfig,
-    todo: Sequence[int],
-    stop: StopRequest,
+    workers: Workers, study: SweepConfig, todo: Sequence[int], stop: StopRequest
 ) -> Iterator[tuple[int, Columns]]:
     """
     Yield (number, columns) of the chunks ``todo`` as they are finished, until a stop.
@@ -151,13 +148,8 @@ def result_of(future: Future[Columns]) -> Columns:
     """Return a chunk's columns; say in one line what went wrong on a worker."""
     try:
         return future.result()
-    except ForeignCodeError as error:
-        raise SweepError(str(error)) from None
-    except (CancelledError, OSError):
-        raise
     except Exception as error:
-        if type(error).__module__.split('.')[0] == 'distributed' or isinstance(
-            error, ModuleNotFoundError
-        ):
-            raise SweepError(f'the cluster fails: {" ".join(str(error).split())}') from None
-        raise
+        is_foreign = type(error).__module__.split('.')[0] == 'distributed'
+        if not is_foreign and not isinstance(error, ModuleNotFoundError):
+            raise
+        raise SweepError(f'the cluster fails: {" ".join(str(error).split())}') from None
