@@ -72,10 +72,6 @@ setup(
     },
     zip_safe=True,
     entry_points={
-        'console_scripts': [
-            f'{name} = {PACKAGE}.{room}.entry:{name}'
-            for room, names in (('nodes', NODES), ('tools', TOOLS))
-            for name in names
-        ]
+        'console_scripts': [f'{name} = {PACKAGE}.command_line:{name}' for name in (*NODES, *TOOLS)]
     },
 )

@@ -17,12 +17,18 @@ def flush(path: Path) -> None:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a name beside ``path`` to write to, which becomes ``path`` at the end."""
+    """
+    Yield a file beside ``path``, which becomes ``path`` at the end.
+
+    An `OSError` that occurs meanwhile names ``path``.
+    """
     made = path.with_name(f'.{path.name}.new')
     try:
         yield made
         flush(made)
         os.replace(made, path)
         flush(path.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
         made.unlink(missing_ok=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 
+from impulse_control_ros.command_line import simulated_time, StopRequest
 from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.topics import (
     DAMPING,
@@ -27,8 +28,6 @@ from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
 from impulse_control_ros.nodes.spin import main as run_nodes, Maker
-from impulse_control_ros.progress import simulated_time
-from impulse_control_ros.stop import StopRequest
 
 SLICE = 0.005
 SPIN = 2e-4

@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.impulse import NO_IMPULSE
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
@@ -36,7 +37,6 @@ from impulse_control_ros.nodes.known_plants import KnownPlants
 from impulse_control_ros.nodes.lifecycle import ManagedNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LATCHED_QOS, LOCKSTEP_QOS, SLOW_QOS
-from impulse_control_ros.stop import StopRequest
 
 INF = math.inf
 

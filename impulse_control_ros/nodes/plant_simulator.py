@@ -16,6 +16,7 @@ from typing import Any
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.plant import DIVERGED
 from impulse_control_ros.core.protocol import (
@@ -42,7 +43,6 @@ from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
-from impulse_control_ros.stop import StopRequest
 
 ANNOUNCE = 1.0  # s between announcements of a waiting plant: a recorder may have been busy
 HEARTBEAT = 0.25  # s between repeats of a state held only by the wall clock or a pause

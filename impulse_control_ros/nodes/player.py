@@ -19,6 +19,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
+from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.parameter import parameter, Parameters
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
@@ -30,7 +31,6 @@ from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import deep_qos, message_class, SERIES_QOS
-from impulse_control_ros.stop import StopRequest
 
 AT_ONCE = 1000  # messages per poll at most
 

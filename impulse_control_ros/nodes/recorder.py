@@ -20,6 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
+from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.protocol import name_of, new_id, NodeHeader, parse_node, WINDOW
 from impulse_control_ros.core.recorder_flow_control import LEAVES
 from impulse_control_ros.core.tick import nanoseconds, SECOND
@@ -36,7 +37,6 @@ from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.recorded_topics import RecordedTopics, Taken
 from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import Output, SLOW_QOS
-from impulse_control_ros.stop import StopRequest
 
 BATCH, BATCH_PERIOD = 250, 0.02
 WATCH_PERIOD = 0.5

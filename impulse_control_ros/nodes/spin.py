@@ -19,10 +19,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from impulse_control_ros.errors import BagError, MiddlewareError, ParameterError
+from impulse_control_ros.command_line import Parser, StopRequest
+from impulse_control_ros.errors import BagError, ImpulseControlError, ParameterError
 from impulse_control_ros.files.parameter_overrides import unused_overrides
 from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
-from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1
 MOST_EVENTS = 50
@@ -121,7 +121,7 @@ def main(
             nodes[0].get_logger().warning(what)  # the file may be for other nodes
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
-    except (ParameterError, BagError, MiddlewareError, _rclpy.RCLError) as error:
+    except (ImpulseControlError, _rclpy.RCLError) as error:
         # the error may already start with the name of the node
         where = '' if str(error).startswith(f'{prog}: ') else f'{prog}: '
         return leave(nodes, where + first_line(error), 2)
@@ -159,8 +159,8 @@ def parse(
     example: str,
     add_options: Callable[[argparse.ArgumentParser], None] | None,
 ) -> argparse.Namespace:
-    """Parse the arguments that are not for ROS."""
-    parser = argparse.ArgumentParser(
+    """Parse the arguments that are not for ROS; raises `UsageError`."""
+    parser = Parser(
         prog=prog,
         description=description,
         epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p '

@@ -2,13 +2,11 @@
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-import sys
 
-from impulse_control_ros.tools.arguments import ended, RUN_HELP
+from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
+from impulse_control_ros.errors import BagError, MissingPackageError, UsageError
 
-leave = partial(ended, 'export_bag')
 EPILOG = """\
 The table has a row for each sample: time, stamp_ns, position, velocity, effort (applied), command,
 impulse_area, guard, damping, is_reset (a run starts, or is reset); docs/bags.md explains them. A
@@ -19,7 +17,7 @@ SUFFIXES = ('.parquet', '.csv')
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='export_bag',
         description='Write a bag as one table.',
         epilog=EPILOG,
@@ -33,44 +31,29 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """
-    Be the whole of the executable; returns the exit status.
-
-    0: done; 2: bad arguments or bag; 1: anything else; said in one line.
-    """
+def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """Write the table; returns the exit status."""
     options = parse(arguments)
     bag, file = options.bag, options.file
     if file.suffix not in SUFFIXES:
-        return leave(f'{file}: must end in {" or ".join(SUFFIXES)}', 2)
+        raise UsageError(f'{file}: must end in {" or ".join(SUFFIXES)}')
     if file.is_dir() or not file.parent.is_dir():
-        return leave(f'{file}: must be a file in a folder that exists', 2)
+        raise UsageError(f'{file}: must be a file in a folder that exists')
     try:
         import pyarrow  # noqa: F401 (it may be missing)
 
-        from impulse_control_ros.errors import BagError
         from impulse_control_ros.files.export import to_csv, to_parquet
         from impulse_control_ros.files.recording import read_bag
     except ModuleNotFoundError as error:
-        return leave(
+        raise MissingPackageError(
             f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
-            'pip install pyarrow',
-            1,
-        )
-    try:
-        run = read_bag(bag, options.run)
-        if not len(run.states):
-            return leave(f'bag {str(bag)!r} has no samples', 2)
-        rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)
-    except BagError as error:
-        return leave(error, 2)
-    except OSError as error:
-        return leave(f'{file}: {error.strerror or error}', 1)
+            'pip install pyarrow'
+        ) from None
+    run = read_bag(bag, options.run)
+    if not len(run.states):
+        raise BagError(f'bag {str(bag)!r} has no samples')
+    rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)
     if run.unread is not None:
-        print(
-            f'export_bag: warning: {bag} was cut off; {run.unread} bytes at its end cannot be '
-            'read',
-            file=sys.stderr,
-        )
+        warn('export_bag', f'{bag} was cut off; {run.unread} bytes at its end cannot be read')
     print(f'export_bag: {file} has {rows} rows')
     return 0

@@ -6,7 +6,6 @@ The messages are published by nodes/player.py, which alone needs ROS.
 
 import argparse
 from collections.abc import Mapping, Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 import sys
@@ -14,10 +13,9 @@ from typing import Any
 
 import yaml
 
-from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.arguments import ended, RUN_HELP
+from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
+from impulse_control_ros.errors import BagError, MissingPackageError, ParameterError
 
-leave = partial(ended, 'replay')
 DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
 COMPARED = """\
 The last two print what differs, bit by bit, and exit with 1 where anything does."""
@@ -72,13 +70,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
-    """
-    Be the whole of the executable; returns the exit status.
-
-    0: done, and nothing differs; 1: something does, or anything else; 2: bad arguments,
-    parameters or bag, said in one line.
-    """
-    parser = argparse.ArgumentParser(prog='replay', description=DESCRIPTION)
+    """Play a bag, or compute and compare it; returns the exit status, 1 for a difference."""
+    parser = Parser(prog='replay', description=DESCRIPTION)
     add_options(parser)
     given = list(sys.argv[1:] if arguments is None else arguments)
     ours = given[: (given + ['--ros-args']).index('--ros-args')]
@@ -89,7 +82,9 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         try:
             player = import_module('impulse_control_ros.nodes.player')
         except ModuleNotFoundError as error:
-            return leave(f'{error.name} is missing: playing a bag needs ROS 2', 1)
+            raise MissingPackageError(
+                f'{error.name} is missing: playing a bag needs ROS 2'
+            ) from None
         return int(player.main(stop, DESCRIPTION, add_options))
     if options.closed_loop and (options.params or options.overrides):
         parser.error('--params and -p are for --controller')
@@ -104,23 +99,13 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
             'ROS arguments, and those for playing on the graph, are not for '
             '--controller and --closed-loop'
         )
-
-    from impulse_control_ros.errors import BagError, ParameterError
-
-    try:
-        lines, same = compared(options)
-    except (BagError, ParameterError) as error:
-        return leave(error, 2)
-    try:
-        print('\n'.join(lines), flush=True)
-    except OSError as error:
-        return leave(f'the result cannot be written: {error.strerror}', 1)
+    lines, same = compared(options)
+    print('\n'.join(lines))
     return 0 if same else 1
 
 
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     """Return the controller's parameters of the command line; raises `ParameterError`."""
-    from impulse_control_ros.errors import ParameterError
     from impulse_control_ros.files.parameter_file import read_values
 
     values = dict(read_values(options.params)['controller']) if options.params else {}
@@ -139,23 +124,18 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     """Run the bag again; returns what to print, and whether every message is the same."""
     import numpy as np
 
-    from impulse_control_ros.errors import BagError
     from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.bag_diff import difference, lines_of, same
     from impulse_control_ros.tools.resimulate import closed_loop, open_loop
 
     recording, overrides = read_bag(options.bag, options.run), overrides_of(options)
     if recording.unread is not None:
-        print(
-            f'replay: warning: {options.bag} was cut off: {recording.unread} bytes at its end '
-            'cannot be read',
-            file=sys.stderr,
+        warn(
+            'replay',
+            f'{options.bag} was cut off: {recording.unread} bytes at its end cannot be read',
         )
     if recording.lacks:
-        print(
-            f'replay: warning: {options.bag}: incomplete: {"; ".join(recording.lacks)}',
-            file=sys.stderr,
-        )
+        warn('replay', f'{options.bag}: incomplete: {"; ".join(recording.lacks)}')
     try:
         rerun = open_loop(recording, overrides) if options.controller else closed_loop(recording)
     except BagError as error:

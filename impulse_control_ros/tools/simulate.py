@@ -9,11 +9,12 @@ from pathlib import Path
 from time import monotonic
 from typing import TypeVar
 
+from impulse_control_ros.command_line import ended, Parser, simulated_time, StopRequest
 from impulse_control_ros.core.blocks import blocks_of
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.protocol import new_id, new_run, NodeHeader, StateHeader
 from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks
-from impulse_control_ros.errors import BagError, DivergedError, ParameterError, UsageError
+from impulse_control_ros.errors import BagError, DivergedError
 from impulse_control_ros.files.bag import BagWriter, describe_run, require_definitions, Topic
 from impulse_control_ros.files.experiment import Experiment, PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
@@ -27,9 +28,6 @@ from impulse_control_ros.files.topics import (
     RUN_PARAMETERS,
     SERIES,
 )
-from impulse_control_ros.progress import simulated_time
-from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.arguments import ended, Parser
 
 leave = partial(ended, 'simulate')
 PLANT, CONTROLLER = '/plant_simulator', '/controller'
@@ -71,21 +69,14 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
-    """
-    Simulate an experiment into a bag; returns the exit status.
-
-    0: done; 2: invalid arguments, parameters or folder; 1: anything else. Errors take one line.
-    """
-    try:
-        options = parse(arguments)
-        experiment = load_experiment(
-            *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
-        )
-        require_end(experiment.plant)
-        require_definitions([*SERIES.values(), FLOAT64])
-        writer = BagWriter(options.bag, experiment.recorder.compression)
-    except (UsageError, ParameterError, BagError) as error:
-        return leave(error, 2)
+    """Simulate an experiment into a bag; returns the exit status, 1 if the bag is not whole."""
+    options = parse(arguments)
+    experiment = load_experiment(
+        *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
+    )
+    require_end(experiment.plant)
+    require_definitions([*SERIES.values(), FLOAT64])
+    writer = BagWriter(options.bag, experiment.recorder.compression)
     try:
         return simulate(experiment, writer, stop)
     except BagError as error:

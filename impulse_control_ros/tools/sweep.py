@@ -7,20 +7,18 @@ What a study needs is imported late, so that --help and a bad command line answe
 import argparse
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.arguments import ended
+from impulse_control_ros.command_line import Parser, StopRequest
+from impulse_control_ros.errors import MissingPackageError, SweepError
 
 if TYPE_CHECKING:
     from impulse_control_ros.core.sweep_config import SweepConfig
     from impulse_control_ros.files.sweep_folder import SweepFolder
     from impulse_control_ros.tools.sweep_workers import Workers
 
-leave = partial(ended, 'sweep')
 EPILOG = """\
 The folder gets runs.parquet, a row for each run, and pictures. A sweep that was ended goes on
 with the same command; a finished one shows its summary again. docs/sweep.md has the YAML."""
@@ -28,7 +26,7 @@ with the same command; a finished one shows its summary again. docs/sweep.md has
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='sweep',
         description='Run a Monte Carlo or grid study of the closed loop.',
         epilog=EPILOG,
@@ -48,38 +46,23 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
-    Be the whole of the executable; returns the exit status.
+    Run the missing chunks of a study and show its result; returns the exit status.
 
-    0: done; 2: bad arguments, study or folder; 1: anything else; said in one line.
+    Raises `ParameterError` for a study or folder, `SweepError` for a sweep that cannot continue.
     """
     options = parse(arguments)
     try:
-        from impulse_control_ros.errors import ParameterError, SweepError
-        import impulse_control_ros.tools.sweep_pictures
-        import impulse_control_ros.tools.sweep_workers  # noqa: F401 (a package may be missing)
+        from impulse_control_ros.core.sweep_config import units
+        from impulse_control_ros.files.sweep_config_file import identity, read_study
+        from impulse_control_ros.files.sweep_folder import SweepFolder
+        from impulse_control_ros.tools.sweep_pictures import save_pictures
+        from impulse_control_ros.tools.sweep_summary import summary
     except ModuleNotFoundError as error:
         missing = str(error.name).split('.')[0]
-        return leave(
+        raise MissingPackageError(
             f"{missing} is missing: pip install 'impulse_control_ros[analysis]', or "
-            'pip install matplotlib pyarrow',
-            1,
-        )
-    try:
-        return run(options, stop)
-    except ParameterError as error:
-        return leave(error, 2)
-    except (SweepError, OSError) as error:
-        return leave(error, 1)
-
-
-def run(options: argparse.Namespace, stop: StopRequest) -> int:
-    """Run what is left of the study, and show the result; returns the exit status."""
-    from impulse_control_ros.core.sweep_config import units
-    from impulse_control_ros.files.sweep_config_file import identity, read_study
-    from impulse_control_ros.files.sweep_folder import SweepFolder
-    from impulse_control_ros.tools.sweep_pictures import save_pictures
-    from impulse_control_ros.tools.sweep_summary import summary
-
+            'pip install matplotlib pyarrow'
+        ) from None
     study = read_study(options.study)
     folder = SweepFolder(
         options.out or Path('runs', options.study.stem), identity(study), units(study)
@@ -110,7 +93,6 @@ def finish(
     """Run the chunks that are not there; conclude if all are, and say how fast it was."""
     from tqdm import tqdm
 
-    from impulse_control_ros.errors import SweepError
     from impulse_control_ros.tools.sweep_workers import computed
 
     there = folder.finished()

@@ -26,10 +26,10 @@ import numba
 import numpy as np
 from tqdm import tqdm
 
+from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.sweep_config import run_chunk, SweepConfig
 from impulse_control_ros.errors import SweepError
 from impulse_control_ros.files.sweep_config_file import code_digest
-from impulse_control_ros.stop import StopRequest
 
 IDLE = 0.1  # s between looks at the stop request
 CONNECT = 5  # s

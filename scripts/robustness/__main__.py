@@ -5,20 +5,20 @@ Run scripts/studies/robustness_*.yaml, and write their results into docs/robustn
 finished runs are not repeated.
 """
 
-import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 import sys
 
 from matplotlib import rc_context
 import numpy as np
 
+from impulse_control_ros.command_line import exit_status, Parser, StopRequest
 from impulse_control_ros.core.sweep_config import SweepConfig, units
-from impulse_control_ros.errors import ParameterError, SweepError
+from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.sweep_config_file import identity, read_study
 from impulse_control_ros.files.sweep_folder import SweepFolder
-from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.figures import DOCS_DPI, save, STYLE
 from impulse_control_ros.tools.sweep import finish
 from impulse_control_ros.tools.sweep_summary import Column
@@ -30,9 +30,9 @@ from scripts.robustness.drawing import picture
 TUNING = 'robustness_tuning'
 
 
-def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(prog='robustness', description=__doc__)
+def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    parser = Parser(prog='robustness', description=__doc__)
     parser.add_argument('docs', type=Path, help='the folder of robustness.md')
     parser.add_argument(
         '--studies',
@@ -48,20 +48,8 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         default=Path('runs'),
         help='where their results are, or come (default: %(default)s)',
     )
-    return parser.parse_args(arguments)
-
-
-def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    options = parse(arguments)
-    try:
-        renew(options.docs, options.studies, options.runs, stop)
-    except ParameterError as error:
-        print(f'robustness: {error}', file=sys.stderr)
-        return 2
-    except (SweepError, OSError) as error:
-        print(f'robustness: {error}', file=sys.stderr)
-        return 1
+    options = parser.parse_args(arguments)
+    renew(options.docs, options.studies, options.runs, stop)
     return 0
 
 
@@ -115,4 +103,4 @@ def tuned(study: SweepConfig, column: Column) -> list[str]:
 
 
 if __name__ == '__main__':
-    sys.exit(main(StopRequest(patience=1)))
+    sys.exit(exit_status('robustness', partial(main, StopRequest(patience=1))))

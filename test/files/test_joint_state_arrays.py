@@ -8,7 +8,7 @@ from impulse_control_ros.errors import BagError
 from impulse_control_ros.files import joint_state_arrays
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.recording import read_bag
-from impulse_control_ros.tools.analyze.command import status
+from test.command_lines import status_of
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (
     all_told,
@@ -83,7 +83,7 @@ def test_a_start_is_told_for_our_plant_alone(bag):
 
 def test_a_bag_without_parameters_is_analysed_with_a_warning(tmp_path, run, capsys):
     bag = recorded_elsewhere(tmp_path / 'bag', sent(entries(run, run='')))
-    assert status([str(bag)]) == 0
+    assert status_of('analyze', bag) == 0
     said = capsys.readouterr()
     assert 'impulses  ' in said.out
     assert said.err.splitlines() == [

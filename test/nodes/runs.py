@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 from mcap.reader import make_reader
 import numpy as np
@@ -14,7 +13,7 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.recording import read_bag
-from impulse_control_ros.tools import replay
+from test.command_lines import status_of
 from test.processes import CONFIG
 
 NODES = ('plant_simulator', 'controller', 'recorder')
@@ -169,7 +168,7 @@ def assert_simulated(run, config=UNDERDAMPED, **plant):
 
 def replayed(bag, how):
     """Return the exit status of ``replay``."""
-    return replay.main(SimpleNamespace(requested=False), [str(bag), how])
+    return status_of('replay', bag, how)
 
 
 def assert_replays(bag, how='--closed-loop'):

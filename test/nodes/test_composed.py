@@ -130,7 +130,7 @@ def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):
         'python',
         '-c',
         'import sys; sys.modules["rclpy.experimental"] = None\n'
-        'from impulse_control_ros.nodes.entry import closed_loop; sys.exit(closed_loop())',
+        'from impulse_control_ros.command_line import closed_loop; sys.exit(closed_loop())',
         config=UNDERDAMPED,
         **{'plant_simulator:duration': 0.1, 'recorder:bag': graph.folder / 'bag'},
     )

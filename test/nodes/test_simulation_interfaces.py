@@ -24,7 +24,7 @@ STANDARD = {
     'ResetSimulation': 'reset_simulation',
 }
 FROM_RCLPY = ('rcl_interfaces/', 'type_description_interfaces/')
-PLANT = 'from impulse_control_ros.nodes.entry import plant_simulator; sys.exit(plant_simulator())'
+PLANT = 'from impulse_control_ros.command_line import plant_simulator; sys.exit(plant_simulator())'
 
 
 def start_plant(graph, **parameters):

@@ -1,5 +1,6 @@
 """The study of docs/robustness.md: its page, its PID, and laws that its figures keep."""
 
+from functools import partial
 from pathlib import Path
 import re
 import shutil
@@ -8,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
+from impulse_control_ros.command_line import exit_status, StopRequest
 from impulse_control_ros.files.sweep_config_file import read_study
-from impulse_control_ros.stop import StopRequest
 import scripts.robustness.__main__ as command
 from scripts.robustness.comparison import compared, Comparison
 from scripts.robustness.document import block
@@ -51,15 +52,19 @@ def place(tmp_path):
 
 def renewed(place, runs='runs'):
     """Renew the page there; returns the exit status."""
-    return command.main(
-        StopRequest(patience=1),
-        [str(place / 'docs'), '--studies', str(place / 'studies'), '--runs', str(place / runs)],
-    )
+    arguments = [
+        str(place / 'docs'),
+        '--studies',
+        str(place / 'studies'),
+        '--runs',
+        str(place / runs),
+    ]
+    return exit_status('robustness', partial(command.main, StopRequest(), arguments))
 
 
 def of(study, folder):
     """Run a study, whose columns come to ``folder``."""
-    return command.ran(study, folder, StopRequest(patience=1))
+    return command.ran(study, folder, StopRequest())
 
 
 def test_the_page_has_each_study_once_and_a_picture_of_it():

@@ -19,7 +19,8 @@ from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.recording import read_bag
-from impulse_control_ros.tools.analyze.command import NAME, status
+from impulse_control_ros.tools.analyze.command import NAME
+from test.command_lines import status_of
 from test.conftest import BIN, CONFIG, wait_for
 from test.files.test_bag import START, STATE, topic
 from test.tools.bags import (
@@ -39,7 +40,7 @@ from test.tools.bags import (
 
 def analyzed(capsys, *arguments):
     """Return exit status, stdout and the lines of stderr."""
-    code = status([str(item) for item in arguments])
+    code = status_of('analyze', *arguments)
     said = capsys.readouterr()
     return code, said.out, said.err.splitlines()
 
@@ -450,7 +451,7 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(tmp_path_factory
     path.write_bytes(data)
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = status([str(path)])
+        code = status_of('analyze', path)
     if code:
         assert (code, out.getvalue()) == (2, '')
         assert err.getvalue().splitlines()[-1].startswith(f'analyze: {path}')

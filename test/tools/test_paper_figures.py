@@ -14,6 +14,7 @@ from impulse_control_ros.tools.figures import STYLE
 from impulse_control_ros.tools.paper import command
 from impulse_control_ros.tools.paper.document import caption, renewed, TITLES
 from impulse_control_ros.tools.paper.drawing import draw, DRAWN
+from test.command_lines import status_of
 from test.conftest import BIN, ROOT
 
 PAGE = (ROOT / 'docs' / 'paper.md').read_text()
@@ -35,7 +36,7 @@ def folder(tmp_path_factory):
 
 def refused(capsys, *arguments):
     """Return the one line that the command refuses with."""
-    assert command.status([str(argument) for argument in arguments]) == 2
+    assert status_of('paper_figures', *arguments) == 2
     said = capsys.readouterr()
     assert said.out == ''
     assert said.err.count('\n') == 1
@@ -190,7 +191,7 @@ def test_a_folder_that_cannot_be_made_is_refused_by_name(capsys, tmp_path):
 def test_a_file_that_cannot_be_written_is_refused_by_name(monkeypatch, capsys, tmp_path, runs):
     (tmp_path / 'fig1.png').mkdir()
     monkeypatch.setattr('impulse_control_ros.tools.paper.runs.paper_runs', lambda: runs)
-    assert command.status(['--out', str(tmp_path)]) == 2
+    assert status_of('paper_figures', '--out', tmp_path) == 2
     assert capsys.readouterr().err == f'paper_figures: {tmp_path / "fig1.png"}: Is a directory\n'
 
 
@@ -206,7 +207,7 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, capsys):
 def test_ctrl_c_is_answered_in_one_line(tmp_path):
     code = """
 import signal, sys
-from impulse_control_ros.tools.entry import paper_figures
+from impulse_control_ros.command_line import paper_figures
 from impulse_control_ros.tools.paper import runs
 runs.paper_runs = lambda: signal.raise_signal(signal.SIGINT)
 sys.exit(paper_figures())

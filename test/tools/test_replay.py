@@ -11,8 +11,7 @@ from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.mcap_reader import Column, columns
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.files.topics import FLOAT64, SERIES
-from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.replay import main
+from test.command_lines import status_of
 from test.conftest import CONFIG
 from test.files.test_bag import QOS
 from test.nodes.runs import stamp_of, STEP
@@ -241,7 +240,7 @@ def test_a_bad_bag_is_refused_in_one_line(tmp_path, capsys, what):
     bag, bad = simulated(tmp_path / 'run', 'underdamped', 0.01)[0], tmp_path / 'bad'
     BAD[what][0](bad, bag)
     for how in ('--controller', '--closed-loop'):
-        assert main(StopRequest(), [str(bad), how]) == 2
+        assert status_of('replay', bad, how) == 2
         said = capsys.readouterr()
         assert said.out == ''
         line = said.err.splitlines()[-1]
@@ -255,7 +254,7 @@ def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path,
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(data[: len(data) * 2 // 3])
     for how in ('--controller', '--closed-loop'):
-        assert main(StopRequest(), [str(cut), how]) == 0
+        assert status_of('replay', cut, how) == 0
         said = capsys.readouterr()
         assert f'{cut} was cut off: ' in said.err
         count = int(said.out.split(f'{cut}: ')[1].split()[0])
@@ -268,9 +267,7 @@ def test_a_bag_that_was_cut_off_is_replayed_up_to_there_with_a_warning(tmp_path,
 )
 def test_what_is_for_playing_is_refused_where_nothing_is_played(tmp_path, capsys, other):
     for how in ('--controller', '--closed-loop'):
-        with pytest.raises(SystemExit) as left:
-            main(StopRequest(), [str(tmp_path), how, *other])
-        assert left.value.code == 2
+        assert status_of('replay', tmp_path, how, *other) == 2
         assert 'are not for --controller' in capsys.readouterr().err
 
 
@@ -283,7 +280,7 @@ def test_a_bag_lacks_no_command_unsaid_but_that_of_the_state_it_ends_with(tmp_pa
 
         without = rewritten(bag, tmp_path / f'without_{number}', cut_short)
         for how in ('--controller', '--closed-loop'):
-            assert main(StopRequest(), [str(without), how]) == expected
+            assert status_of('replay', without, how) == expected
             said = capsys.readouterr().out
             assert '1 only replayed' in said
             assert ('every message is the same, to the bit' in said) == (expected == 0)
@@ -298,7 +295,7 @@ def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
             raw if topic in ('/joint_states', '/run_parameters') else raw[:8]
         ),
     )
-    assert main(StopRequest(), [str(without), '--controller']) == 2
+    assert status_of('replay', without, '--controller') == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
 
 

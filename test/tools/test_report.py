@@ -15,8 +15,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from impulse_control_ros.core.impulse import GUARDS
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.tools.analyze.command import status
 from impulse_control_ros.tools.analyze.packing import on_grid
+from test.command_lines import status_of
 from test.conftest import BIN
 from test.tools.bags import begun, CONTROLLER, entries, experiment, finished, recorded, told
 
@@ -54,7 +54,7 @@ def bags(tmp_path_factory):
 @pytest.fixture(scope='module')
 def page(tmp_path_factory, bags):
     path = tmp_path_factory.mktemp('page') / 'report.html'
-    assert status([*(str(bag) for bag, _ in bags.values()), '--report', str(path)]) == 0
+    assert status_of('analyze', *(bag for bag, _ in bags.values()), '--report', path) == 0
     return path
 
 
@@ -355,7 +355,7 @@ def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tm
     writer.write([told(CONTROLLER, {**made.gains.flat(), 'x_r': 0.25}, ['x_r'], 1000)])
     finished(writer)
     path = tmp_path / 'report.html'
-    assert status([str(tmp_path / '<b>&run'), '--report', str(path)]) == 0
+    assert status_of('analyze', tmp_path / '<b>&run', '--report', path) == 0
     opened = Page(browser, path)
     assert browser.find_element(By.CSS_SELECTOR, '#legend button').text == '<b>&run'
     (line,) = opened.traces('time', meta='setpoint')
@@ -381,7 +381,7 @@ def test_a_minute_at_10_khz_stays_below_10_mb_even_as_noise(browser, tmp_path):
     writer.write(entries(run))
     finished(writer)
     path = tmp_path / 'report.html'
-    assert status([str(tmp_path / 'minute'), '--report', str(path)]) == 0
+    assert status_of('analyze', tmp_path / 'minute', '--report', path) == 0
     assert path.stat().st_size < 10e6
     opened = Page(browser, path)
     assert opened.run('return runs[0].count') == 600_001

@@ -7,8 +7,7 @@ import pytest
 from impulse_control_ros.core.impulse import POSITION_ZERO
 from impulse_control_ros.core.replay import Piece
 from impulse_control_ros.files.cdr import JointStateLayout
-from impulse_control_ros.stop import StopRequest
-from impulse_control_ros.tools.replay import main
+from test.command_lines import status_of
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (
     all_told,
@@ -127,7 +126,7 @@ def elsewhere_late(folder, made, messages):
 def test_a_run_with_changes_in_it_is_the_same_to_the_bit(tmp_path, capsys, made, case, record):
     bag = record(tmp_path / 'bag', made, messages_of(made, case))
     for how in ('--closed-loop', '--controller'):
-        status = main(StopRequest(), [str(bag), how])
+        status = status_of('replay', bag, how)
         said = capsys.readouterr()
         assert said.err == ''
         assert status == 0, said.out
@@ -142,7 +141,7 @@ def test_without_the_changes_it_differs(tmp_path, capsys, made, case):
         made,
         [one for one in messages_of(made, case) if one[1] != PARAMETERS or one[0] < start],
     )
-    assert main(StopRequest(), [str(bag), '--closed-loop']) == 1
+    assert status_of('replay', bag, '--closed-loop') == 1
     assert 'it differs' in capsys.readouterr().out
 
 
@@ -159,15 +158,15 @@ def test_what_a_bag_lacks_is_said_in_one_line_and_the_run_chosen_by_name(tmp_pat
         ],
     )
     count = 2 * 301 + len(run.events)
-    assert main(StopRequest(), [str(bag), '--closed-loop']) == 0
+    assert status_of('replay', bag, '--closed-loop') == 0
     said = capsys.readouterr()
     assert ' 401 compared, 0 differ' in said.out
     assert said.err == (
         f'replay: warning: {bag}: incomplete: run {RUN} is left out ({count} messages)\n'
     )
-    assert main(StopRequest(), [str(bag), '--closed-loop', '--run', RUN]) == 0
+    assert status_of('replay', bag, '--closed-loop', '--run', RUN) == 0
     assert ' 301 compared, 0 differ' in capsys.readouterr().out
-    assert main(StopRequest(), [str(bag), '--closed-loop', '--run', 'x']) == 2
+    assert status_of('replay', bag, '--closed-loop', '--run', 'x') == 2
     assert 'run x is not in it' in capsys.readouterr().err
 
 
@@ -179,13 +178,13 @@ def test_a_bag_that_begins_in_mid_run_is_answered_and_not_run_again(tmp_path, ca
         made,
         [one for one in messages if one[1] == PARAMETERS or one[0] >= START + 1000 * STEP],
     )
-    assert main(StopRequest(), [str(bag), '--closed-loop']) == 2
+    assert status_of('replay', bag, '--closed-loop') == 2
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith(
         f'replay: warning: {bag}: incomplete: the bag begins in mid-run, at 1.1'
     )
     assert said[1] == f'replay: {bag}: the bag begins in mid-run, at 1.100000000 s'
-    assert main(StopRequest(), [str(bag), '--controller']) == 0
+    assert status_of('replay', bag, '--controller') == 0
     assert f' {COUNT - 1000} compared, 0 differ' in capsys.readouterr().out
 
 
@@ -204,10 +203,10 @@ def test_a_foreign_plant_is_answered_with_the_parameters_of_its_controller(tmp_p
         key=lambda message: (message[0], message[1] != PARAMETERS),
     )
     bag = recorded_elsewhere(tmp_path / 'bag', sent(messages))
-    assert main(StopRequest(), [str(bag), '--controller']) == 0
+    assert status_of('replay', bag, '--controller') == 0
     said = capsys.readouterr()
     assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)
-    assert main(StopRequest(), [str(bag), '--closed-loop']) == 2
+    assert status_of('replay', bag, '--closed-loop') == 2
     assert 'no node of it has the parameters of a plant; its nodes: /controller' in (
         capsys.readouterr().err
     )
@@ -222,7 +221,7 @@ def test_a_withdrawn_effort_clears_the_memory(tmp_path, capsys, made):
         messages = [*all_told(made), *entries(one), *more, *entries(two, at, applied=effort)]
         for record in (ours, elsewhere):
             bag = record(tmp_path / f'{record.__name__}{number}', made, messages)
-            assert main(StopRequest(), [str(bag), '--closed-loop']) == expected
+            assert status_of('replay', bag, '--closed-loop') == expected
             capsys.readouterr()
 
 
@@ -239,7 +238,7 @@ def test_parameters_that_are_none_of_ours_are_refused_in_one_line(tmp_path, caps
             for one in both
         ]
         bag = ours(tmp_path / node[1:6], made, both)
-        assert main(StopRequest(), [str(bag), '--controller']) == 2
+        assert status_of('replay', bag, '--controller') == 2
         err = capsys.readouterr().err
         assert said in err
         assert len(err.splitlines()) == 1
@@ -250,10 +249,8 @@ def test_a_state_without_its_stamp_is_in_no_run(tmp_path, capsys, made):
     ((_, run, _),) = computed([Piece(0, axis, made.gains, True, axis)], 301)
     nothing = JointStateLayout('axis', f'run:{RUN}.0').encode(0, 0, 9.0, 9.0, 9.0)
     messages = [(START, STATES, nothing), *all_told(made), *entries(run)]
-    assert (
-        main(StopRequest(), [str(elsewhere(tmp_path / 'bag', made, messages)), '--closed-loop'])
-        == 0
-    )
+    bag = elsewhere(tmp_path / 'bag', made, messages)
+    assert status_of('replay', bag, '--closed-loop') == 0
 
 
 def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_path, capsys, made):
@@ -269,12 +266,7 @@ def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_pat
         *entries(run),
     ]
     for record in (ours, elsewhere):
-        assert (
-            main(
-                StopRequest(),
-                [str(record(tmp_path / record.__name__, made, messages)), '--closed-loop'],
-            )
-            == 0
-        )
+        bag = record(tmp_path / record.__name__, made, messages)
+        assert status_of('replay', bag, '--closed-loop') == 0
         said = capsys.readouterr()
         assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)

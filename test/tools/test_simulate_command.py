@@ -351,7 +351,7 @@ def test_a_full_disk_ends_the_run_with_what_fits(tmp_path, start):
 def test_no_ros_is_imported(tmp_path):
     code = (
         'import json, sys\n'
-        'from impulse_control_ros.stop import StopRequest\n'
+        'from impulse_control_ros.command_line import StopRequest\n'
         'from impulse_control_ros.tools.simulate import main\n'
         'assert main(StopRequest()) == 0\n'
         'print(json.dumps(list(sys.modules)))'

@@ -298,7 +298,7 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(
 ):
     code = (
         f'import sys; sys.modules[{module!r}] = None; '
-        'from impulse_control_ros.tools.entry import sweep; sys.exit(sweep())'
+        'from impulse_control_ros.command_line import sweep; sys.exit(sweep())'
     )
     process = desk.start(
         'sweep',

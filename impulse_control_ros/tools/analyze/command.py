@@ -15,9 +15,9 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.arguments import Parser, RUN_HELP
 
 if TYPE_CHECKING:
     from impulse_control_ros.files.recording import Recording
@@ -38,7 +38,7 @@ A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, w
 is one that lacks anything of its run: a first response that begins in mid-run is no whole one."""
 
 
-def parsed(arguments: Sequence[str]) -> argparse.Namespace:
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the options, or raise `UsageError`."""
     parser = Parser(
         prog=NAME,
@@ -112,7 +112,6 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     """
     import numpy as np
 
-    from impulse_control_ros.errors import BagError
     from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.analyze.run import Run
 
@@ -120,10 +119,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
         raise UsageError(f'{Counter(bags).most_common(1)[0][0]} is given twice')
     names = Counter(bag.resolve().name for bag in bags)
     for bag in bags:
-        try:
-            recording = with_positions(bag, read_bag(bag, name))
-        except BagError as error:
-            raise UsageError(str(error)) from None
+        recording = with_positions(bag, read_bag(bag, name))
         short = bag.resolve().name
         run = Run(name=short if names[short] == 1 else str(bag), path=bag, recording=recording)
         if recording.unread is not None:
@@ -135,14 +131,15 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
             )
         missing = int(recording.recording_summary.get('missing', 0))
         if recording.lacks:
-            warn(f'{bag}: incomplete: {"; ".join(recording.lacks)}')
+            warn(NAME, f'{bag}: incomplete: {"; ".join(recording.lacks)}')
         elif missing:
             warn(
+                NAME,
                 f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
-                'them'
+                'them',
             )
         if not recording.settings:
-            warn(f'{bag}: no node tells its set-point x_r: 0 m is taken')
+            warn(NAME, f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
 
 
@@ -155,8 +152,9 @@ def with_positions(bag: Path, recording: Recording) -> Recording:
     if good.all():
         return recording
     warn(
+        NAME,
         f'{bag}: {np.count_nonzero(~good)} states without a finite position, or with an infinite '
-        'velocity, are left out'
+        'velocity, are left out',
     )
     return replace(recording, states=states[good])
 
@@ -166,18 +164,14 @@ def warn_of_cut(run: Run) -> None:
     count = len(run.states)
     seconds = f' ({run.time[-1]:g} s)' if count else ''
     warn(
+        NAME,
         f'{run.path} was cut off: {count} samples{seconds} are read, up to the last whole '
-        f'chunk; {run.recording.unread} bytes behind it cannot be'
+        f'chunk; {run.recording.unread} bytes behind it cannot be',
     )
 
 
-def warn(text: str) -> None:
-    """Say what the user should know, beside the result."""
-    print(f'{NAME}: warning: {text}', file=sys.stderr)
-
-
-def analyze(arguments: Sequence[str]) -> None:
-    """Do what the arguments say; raises `UsageError`."""
+def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """Print the table and write the files that are asked for; returns the exit status."""
     options = parsed(arguments)
     from impulse_control_ros.tools.analyze.table import FORMATS, Response, responses_of
 
@@ -196,6 +190,7 @@ def analyze(arguments: Sequence[str]) -> None:
         from impulse_control_ros.tools.analyze.drawing import figure
 
         write(options.figure, figure(runs, options.figure.suffix[1:]))
+    return 0
 
 
 def write(path: Path, content: bytes) -> None:
@@ -203,21 +198,3 @@ def write(path: Path, content: bytes) -> None:
     with replaced(path) as made:
         made.write_bytes(content)
     print(f'{NAME}: wrote {path}', file=sys.stderr)
-
-
-def status(arguments: Sequence[str]) -> int:
-    """Do what the arguments say; returns the exit status."""
-    try:
-        analyze(arguments)
-    except UsageError as error:
-        print(f'{NAME}: {error}', file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f'{NAME}: {error.filename2 or error.filename}: {error.strerror}', file=sys.stderr)
-        return 1
-    return 0
-
-
-def main() -> int:
-    """Run the command line; returns the exit status."""
-    return status(sys.argv[1:])

@@ -10,12 +10,11 @@ import argparse
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-import sys
 from typing import TYPE_CHECKING
 
+from impulse_control_ros.command_line import Parser, StopRequest
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
-from impulse_control_ros.tools.arguments import Parser
 
 if TYPE_CHECKING:
     from impulse_control_ros.tools.paper.claim import Claim
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 NAME = 'paper_figures'
 
 
-def parsed(arguments: Sequence[str]) -> argparse.Namespace:
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the options."""
     parser = Parser(
         prog=NAME,
@@ -83,8 +82,8 @@ def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
     write_figures(folder, runs, claims, docs=True)
 
 
-def run(arguments: Sequence[str]) -> None:
-    """Do what the arguments say; raises `UsageError`."""
+def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
+    """Print the claims and draw the figures; returns the exit status."""
     options = parsed(arguments)
     if find_spec('matplotlib') is None:
         raise UsageError("matplotlib is missing: pip install 'impulse_control_ros[analysis]'")
@@ -103,18 +102,4 @@ def run(arguments: Sequence[str]) -> None:
     except OSError as error:
         raise UsageError(f'{error.filename2 or error.filename}: {error.strerror}') from None
     print(f'\nFigures 1 to 5 are in {folder}')
-
-
-def status(arguments: Sequence[str]) -> int:
-    """Do what the arguments say; returns the exit status."""
-    try:
-        run(arguments)
-    except UsageError as error:
-        print(f'{NAME}: {error}', file=sys.stderr)
-        return 2
     return 0
-
-
-def main() -> int:
-    """Run the command line; returns the exit status."""
-    return status(sys.argv[1:])

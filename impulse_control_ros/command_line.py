@@ -1,0 +1,124 @@
+"""
+Command lines: Ctrl-C, errors and exit statuses of every executable.
+
+An executable takes Ctrl-C before it imports its command, because the imports take seconds; only
+the nodes import rclpy. Exit status 0: done. 1: failed, interrupted, or compared bags differ.
+2: invalid arguments, parameters or bag. An error is one line on stderr.
+"""
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+import math
+import os
+import signal
+import sys
+from typing import Any, NoReturn
+
+from impulse_control_ros.errors import (
+    ImpulseControlError,
+    MissingPackageError,
+    SweepError,
+    UsageError,
+)
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+RUN_HELP = (
+    'of a bag with several runs, the one with this id or, for a foreign plant, in this '
+    'namespace; the longest one if not given'
+)
+
+
+class StopRequest:
+    """A flag set by SIGINT and SIGTERM; more of them than ``patience`` end the process at once."""
+
+    def __init__(self, patience: float = math.inf) -> None:
+        self.requested = False
+        self._patience = patience
+        for number in SIGNALS:
+            signal.signal(number, self._request)
+
+    def _request(self, *_: Any) -> None:
+        self.requested = True
+        self._patience -= 1
+        if self._patience < 0:
+            os.write(2, b'interrupted\n')
+            os._exit(1)
+
+    def ignore(self) -> None:
+        """Ignore both signals from now on: the interpreter restores the handlers on exit."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that raises `UsageError` for an invalid command line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `UsageError`."""
+        raise UsageError(f'{message} (see --help)')
+
+
+def ended(name: str, why: object, status: int) -> int:
+    """Print why the command ``name`` ends; returns ``status``."""
+    print(f'{name}: {why}', file=sys.stderr)
+    return status
+
+
+def warn(name: str, text: str) -> None:
+    """Print a warning of the command ``name``."""
+    print(f'{name}: warning: {text}', file=sys.stderr)
+
+
+def exit_status(name: str, command: Callable[[], int]) -> int:
+    """Run ``command``, print its error if there is one, and return the exit status."""
+    try:
+        status = command()
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader of stdout has enough, as `head` has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Python flushes again on exit
+        return 1
+    except OSError as error:
+        file = error.filename2 or error.filename or 'stdout'
+        return ended(name, f'{file}: {error.strerror or error}', 1)
+    except (SweepError, MissingPackageError) as error:
+        return ended(name, error, 1)
+    except ImpulseControlError as error:
+        return ended(name, error, 2)
+    return status
+
+
+def run(name: str, module: str, patience: float = math.inf) -> int:
+    """Run the command ``name`` of a module of this package; returns the exit status."""
+    stop = StopRequest(patience)
+    main = import_module(f'impulse_control_ros.{module}').main
+    status = exit_status(name, partial(main, stop))
+    stop.ignore()
+    return status
+
+
+plant_simulator = partial(run, 'plant_simulator', 'nodes.plant_simulator')
+controller = partial(run, 'controller', 'nodes.controller')
+recorder = partial(run, 'recorder', 'nodes.recorder')
+closed_loop = partial(run, 'closed_loop', 'nodes.closed_loop')
+simulate = partial(run, 'simulate', 'tools.simulate')
+replay = partial(run, 'replay', 'tools.replay')
+sweep = partial(run, 'sweep', 'tools.sweep', patience=1)
+analyze = partial(run, 'analyze', 'tools.analyze.command', patience=0)
+export_bag = partial(run, 'export_bag', 'tools.export', patience=0)
+paper_figures = partial(run, 'paper_figures', 'tools.paper.command', patience=0)
+
+
+def simulated_time(duration: float) -> Any:
+    """Return a progress bar up to ``duration`` [s]; it is drawn on a terminal only."""
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # no thread beside ours
+    return tqdm(
+        total=duration,
+        unit='s',
+        disable=None,
+        leave=False,
+        bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated, {rate_fmt}',
+    )

@@ -1,0 +1,90 @@
+"""What every executable does: exit statuses, one-line errors, Ctrl-C, and a closed pipe."""
+
+import errno
+import subprocess
+import sys
+
+import pytest
+
+from impulse_control_ros.command_line import exit_status
+from impulse_control_ros.errors import BagError, MissingPackageError, SweepError, UsageError
+from test.conftest import BIN, CONFIG
+
+EXECUTABLES = (
+    *('plant_simulator', 'controller', 'recorder', 'closed_loop'),
+    *('simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures'),
+)
+
+
+@pytest.mark.parametrize(
+    ('error', 'status', 'said'),
+    [
+        (UsageError('no BAG (see --help)'), 2, 'no BAG (see --help)'),
+        (BagError('run: empty'), 2, 'run: empty'),
+        (SweepError('interrupted'), 1, 'interrupted'),
+        (MissingPackageError('no plotly'), 1, 'no plotly'),
+        (OSError(errno.ENOSPC, 'No space left', 'a.csv'), 1, 'a.csv: No space left'),
+        (OSError(errno.EIO, 'I/O error'), 1, 'stdout: I/O error'),
+    ],
+)
+def test_an_error_is_one_line_and_decides_the_exit_status(capsys, error, status, said):
+    def fail():
+        raise error
+
+    assert exit_status('tool', fail) == status
+    assert capsys.readouterr() == ('', f'tool: {said}\n')
+
+
+def test_an_error_of_the_program_itself_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        exit_status('tool', lambda: 1 // 0)
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_an_unknown_option_is_refused_in_one_line(name):
+    done = subprocess.run([BIN / name, '--nonsense'], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith(f'{name}: ')
+    assert done.stderr.endswith(' (see --help)\n')
+    assert done.stderr.count('\n') == 1
+
+
+def simulated(folder, **streams):
+    """Start ``simulate``, which prints one line."""
+    arguments = [CONFIG / 'underdamped.yaml', folder / 'run', '-p', 'duration:=0.1']
+    return subprocess.Popen(
+        [BIN / 'simulate', *arguments], stderr=subprocess.PIPE, text=True, **streams
+    )
+
+
+def test_a_closed_pipe_ends_a_command_without_a_word(tmp_path):
+    with simulated(tmp_path, stdout=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ''
+    assert process.returncode == 1
+
+
+def test_a_full_disk_behind_stdout_is_named(tmp_path):
+    with open('/dev/full', 'w') as full, simulated(tmp_path, stdout=full) as process:
+        assert process.stderr.read() == 'simulate: stdout: No space left on device\n'
+    assert process.returncode == 1
+
+
+@pytest.mark.parametrize(
+    ('patience', 'expected'), [(0, 'interrupted'), (1, 'asked once'), (9, 'asked once')]
+)
+def test_more_interrupts_than_the_patience_end_a_process_at_once(patience, expected):
+    code = f"""
+import signal, sys
+from impulse_control_ros.command_line import StopRequest
+stop = StopRequest({patience})
+signal.raise_signal(signal.SIGINT)
+assert stop.requested
+print('asked once', file=sys.stderr)
+stop.ignore()
+signal.raise_signal(signal.SIGTERM)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (int(patience == 0), f'{expected}\n')
