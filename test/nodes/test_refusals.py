@@ -6,7 +6,7 @@ import yaml
 
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.parameter_file import load_experiment
-from impulse_control_ros.nodes.controller import ControlGains
+from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
 from test.nodes.runs import composed, UNDERDAMPED
@@ -65,8 +65,8 @@ def test_composed_a_wrong_file_is_refused_in_one_line_and_leaves_no_bag(graph):
 @pytest.mark.parametrize(
     ('node', 'arguments', 'said'),
     [
-        (ControlGains, 'alpha_ratio:=1.0', 'alpha_ratio = 1.0'),
-        (ControlGains, 'K:=ten', "K = 'ten'"),
+        (Controller, 'alpha_ratio:=1.0', 'alpha_ratio = 1.0'),
+        (Controller, 'K:=ten', "K = 'ten'"),
         (PlantSimulator, 'F_c:=-1.0', 'F_c = -1.0'),
         (PlantSimulator, 'lockstep:=false', 'real_time_factor = 0.0'),
         (PlantSimulator, 'dampin.kind:=noise', 'damping.kind'),
