@@ -59,6 +59,11 @@ def test_a_room_imports_nothing_from_outside_it(room, outside):
     assert loaded.isdisjoint(outside)
 
 
+def test_ctrl_c_is_taken_before_anything_slow_is_imported():
+    loaded = loaded_by(['impulse_control_ros.command_line'])
+    assert loaded.isdisjoint(['rclpy', 'numba', 'numpy', 'mcap', 'yaml', 'tqdm'])
+
+
 def test_only_the_nodes_name_rclpy():
     for path in PACKAGE.rglob('*.py'):
         if path.parent.name != 'nodes':
