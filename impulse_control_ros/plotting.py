@@ -7,9 +7,12 @@ from matplotlib.axes import Axes
 import numpy as np
 
 from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
 from impulse_control_ros.core.trajectory import Trajectory
 
-TIME, POSITION, VELOCITY, EFFORT = 'time [s]', 'position [m]', 'velocity [m/s]', 'effort [N]'
+TIME, POSITION, VELOCITY, EFFORT = (
+    SAMPLE_COLUMNS[name].label for name in ('time', 'position', 'velocity', 'effort')
+)
 MARKS: dict[str, dict[str, Any]] = {
     'position_zero': {'color': '#CC79A7', 'marker': 'o', 'label': 'impulse at e = 0'},
     'velocity_zero': {'color': '#009E73', 'marker': 'D', 'label': 'impulse at v = 0'},

@@ -27,11 +27,8 @@ def figure(runs: Sequence[Run], suffix: str) -> bytes:
 
 def drawn(runs: Sequence[Run]) -> Figure:
     """Return the figure."""
-    names = [
-        name
-        for name in PANELS
-        if name != 'damping' or any(len(run.recording.damping) for run in runs)
-    ]
+    has_damping = any(len(run.recording.damping) for run in runs)
+    names = [name for name in PANELS if name != 'damping' or has_damping]
     whole = Figure(figsize=(WIDTH, HEIGHT * len(names) + 0.5), layout='constrained')
     halves: Any = whole.subfigures(1, 2, width_ratios=(1.5, 1.0))
     left, right = halves

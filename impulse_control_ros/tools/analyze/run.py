@@ -79,12 +79,9 @@ class Run:
         """Return the feedback [N] that the gains give, shape (n,)."""
         law = np.zeros(len(self.states))
         for part, values in spans(self.settings, len(self.states)):
-            limit = values['effort_limit'] or np.inf
-            law[part] = np.clip(
-                -values['K'] * self.error[part] - values['D'] * self.states['velocity'][part],
-                -limit,
-                limit,
-            )
+            limit, velocity = values['effort_limit'] or np.inf, self.states['velocity'][part]
+            feedback = -values['K'] * self.error[part] - values['D'] * velocity
+            law[part] = np.clip(feedback, -limit, limit)
         return law
 
     @cached_property

@@ -18,52 +18,44 @@ MARKER = '<!-- From here on made by: ros2 run impulse_control_ros paper_figures 
 
 def caption(figure: int, claims: Sequence[Claim]) -> str:
     """Return the caption of a figure: a line on what it shows, and one for each claim on it."""
-    return '\n'.join(
-        [
-            f'Fig. {figure}. {TITLES[figure]}',
-            *(
-                f'The paper: {claim.says}. Holds: {claim.verdict}. Ours: {claim.numbers}.'
-                for claim in claims
-                if claim.figure == figure
-            ),
-        ]
-    )
+    lines = [
+        f'The paper: {claim.says}. Holds: {claim.verdict}. Ours: {claim.numbers}.'
+        for claim in claims
+        if claim.figure == figure
+    ]
+    return '\n'.join([f'Fig. {figure}. {TITLES[figure]}', *lines])
 
 
 def plain(claims: Sequence[Claim]) -> str:
     """Return the claims for a terminal."""
-    lines = []
+    lines, indent = [], ' ' * 17
     for claim in claims:
         lines.append(f'{claim.verdict:<17}{claim.where}: {claim.says}')
-        lines += textwrap.wrap(
-            claim.numbers, 99, initial_indent=' ' * 17, subsequent_indent=' ' * 17
-        )
+        lines += textwrap.wrap(claim.numbers, 99, initial_indent=indent, subsequent_indent=indent)
     return '\n'.join(lines)
-
-
-def table(claims: Sequence[Claim]) -> list[str]:
-    """Return the lines of the claims' Markdown table."""
-    rows = [(claim.says, claim.where, claim.verdict, claim.numbers) for claim in claims]
-    return [
-        '| claim | where | holds? | number |',
-        '|---|---|---|---|',
-        *('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in rows),
-    ]
 
 
 def section(claims: Sequence[Claim]) -> str:
     """Return what docs/paper.md holds below its hand-written part, the marker first."""
-    parts = [MARKER, '', '## Claims', '', *table(claims), '', '## Figures']
+    parts = [
+        MARKER,
+        '',
+        '## Claims',
+        '',
+        '| claim | where | holds? | number |',
+        '|---|---|---|---|',
+    ]
+    for claim in claims:
+        cells = ' | '.join(
+            cell.replace('|', '\\|')
+            for cell in (claim.says, claim.where, claim.verdict, claim.numbers)
+        )
+        parts.append(f'| {cells} |')
+    parts += ['', '## Figures']
     for figure in TITLES:
         first, *others = caption(figure, claims).splitlines()
-        parts += [
-            '',
-            f'![Fig. {figure}](fig{figure}.png)',
-            '',
-            f'**{first}**',
-            '',
-            *(f'* {line}' for line in others),
-        ]
+        parts += ['', f'![Fig. {figure}](fig{figure}.png)', '', f'**{first}**', '']
+        parts += [f'* {line}' for line in others]
     return '\n'.join(parts) + '\n'
 
 

@@ -65,27 +65,13 @@ def case(axis: Plant, gains: ControlGains, seconds: float = SECONDS) -> Case:
     return Case(axis=axis, gains=gains, run=run, strict=strict, one_jump=one_jump)
 
 
-def with_step(axis: Plant, gains: ControlGains, time_step: float, seconds: float) -> Run:
-    """Run the sampled loop with another time step [s]."""
-    return simulate(
-        replace(axis, time_step=time_step), replace(gains, time_step=time_step), seconds
-    )
-
-
 def paper_runs() -> Runs:
     """Make all runs."""
-    experiments = {
-        name: load_experiment(shipped_experiment(name))
-        for name in ('pd_only_upper', 'pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
-    }
-    cases = {
-        name: case(
-            experiment.plant,
-            experiment.gains,
-            FRICTION_SECONDS if name == 'coulomb' else SECONDS,
-        )
-        for name, experiment in experiments.items()
-    }
+    cases = {}
+    for name in ('pd_only_upper', 'pd_only_lower', 'underdamped', 'time_varying', 'coulomb'):
+        made = load_experiment(shipped_experiment(name))
+        seconds = FRICTION_SECONDS if name == 'coulomb' else SECONDS
+        cases[name] = case(made.plant, made.gains, seconds)
     varying, coulomb = cases['time_varying'], cases['coulomb']
     return Runs(
         pd_upper=cases['pd_only_upper'],
@@ -96,7 +82,7 @@ def paper_runs() -> Runs:
         pd_varying=case(varying.axis, replace(varying.gains, impulses=False)),
         pd_coulomb=case(coulomb.axis, replace(coulomb.gains, impulses=False), FRICTION_SECONDS),
         seeds=tuple(_pair(varying, seed) for seed in SEEDS),
-        steps={step: with_step(coulomb.axis, coulomb.gains, step, 5.0) for step in STEPS},
+        steps={step: _with_step(coulomb, step) for step in STEPS},
     )
 
 
@@ -107,3 +93,8 @@ def _pair(varying: Case, seed: int) -> tuple[Run, Run]:
         for impulses in (False, True)
     )
     return without, with_impulses
+
+
+def _with_step(coulomb: Case, step: float) -> Run:
+    axis = replace(coulomb.axis, time_step=step)
+    return simulate(axis, replace(coulomb.gains, time_step=step), 5.0)
