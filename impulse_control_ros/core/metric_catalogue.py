@@ -106,7 +106,7 @@ def settling_times(tolerances: Iterable[float]) -> dict[str, Metric]:
         settling(tolerance): Metric(
             f'settling time to {tolerance:g} m',
             's',
-            f'time from the start until abs(e) stays within {tolerance:g} m; nan if it never does',
+            f'time until abs(e) stays within {tolerance:g} m; nan if it never does',
             partial(_settled, tolerance),
             'never',
         )
@@ -124,19 +124,13 @@ METRICS = {
     'end': Metric('to', 's', 'end, since the first state of the bag', lambda r: r.time[-1]),
     **settling_times(TOLERANCES),
     'overshoot': Metric(
-        'overshoot',
-        'm',
-        'largest error of the sign opposite to the first',
-        lambda r: overshoot(r.error),
+        'overshoot', 'm', 'largest error of the opposite sign', lambda r: overshoot(r.error)
     ),
     'iae': Metric(
-        'IAE',
-        'm s',
-        'integral of abs(e), trapezoidal rule',
-        lambda r: integral(r.time, np.abs(r.error)),
+        'IAE', 'm s', 'trapezoidal integral of abs(e)', lambda r: integral(r.time, abs(r.error))
     ),
     'ise': Metric(
-        'ISE', 'm^2 s', 'integral of e^2, trapezoidal rule', lambda r: integral(r.time, r.error**2)
+        'ISE', 'm^2 s', 'trapezoidal integral of e^2', lambda r: integral(r.time, r.error**2)
     ),
     'final_error': Metric('final error', 'm', 'e at the end', lambda r: r.error[-1]),
     'peak_velocity': Metric('peak velocity', 'm/s', 'largest abs(v)', lambda r: peak(r.velocity)),
@@ -150,20 +144,14 @@ METRICS = {
     'impulses': Metric('impulses', '', 'number of impulses', lambda r: len(r.guard)),
     **{
         guard: Metric(
-            f'impulses {place}',
-            '',
-            f'number of impulses at {condition}',
-            partial(_count, guard),
+            f'impulses {place}', '', f'number of impulses at {condition}', partial(_count, guard)
         )
         for guard, (place, condition) in PLACES.items()
     },
     'impulse_area': Metric('impulse area', 'N s', 'sum of abs(J)', lambda r: np.abs(r.area).sum()),
     **{
         f'{guard}_area': Metric(
-            f'area {place}',
-            'N s',
-            f'sum of abs(J) at {condition}',
-            partial(_area, guard),
+            f'area {place}', 'N s', f'sum of abs(J) at {condition}', partial(_area, guard)
         )
         for guard, (place, condition) in PLACES.items()
     },
