@@ -71,15 +71,17 @@ def test_the_composed_process_is_the_simulation_to_the_last_bit(graph, name):
     assert_simulated(run, config)
     experiment = load_experiment(config)
     assert bool(len(run.impulses)) == experiment.gains.impulses
-    for node in ('plant_simulator', 'controller'):
+    for node, given in (
+        ('plant_simulator', experiment.plant.flat()),
+        ('controller', experiment.gains.flat()),
+    ):
         recorded = run.parameters[f'/{node}']
-        assert recorded.keys() == getattr(experiment, node).flat().keys()
+        assert recorded.keys() == given.keys()
         assert PARAMETERS[node].__name__
-        assert {
-            name: value
-            for name, value in getattr(experiment, node).flat().items()
-            if recorded[name] != value
-        }.keys() <= {'duration', 'wait_for_recorder'}
+        assert {name for name, value in given.items() if recorded[name] != value} <= {
+            'duration',
+            'wait_for_recorder',
+        }
 
 
 def undrawn(bag):
