@@ -23,8 +23,8 @@ import numba
 import numpy as np
 
 from impulse_control_ros.core.batch import damping_seeds, simulate_batch
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 

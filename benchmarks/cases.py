@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.files.parameter_file import load_experiment
 

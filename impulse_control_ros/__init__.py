@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from impulse_control_ros import errors
     from impulse_control_ros.core import metrics
     from impulse_control_ros.core.batch import simulate_batch
+    from impulse_control_ros.core.control_gains import ControlGains
     from impulse_control_ros.core.damping import Damping
     from impulse_control_ros.core.design import check_gains
     from impulse_control_ros.core.hybrid import Reading, Solution, solve
-    from impulse_control_ros.core.impulse import ControlGains
     from impulse_control_ros.core.nonidealities import Actuator, Disturbance, Payload, Sensor
     from impulse_control_ros.core.plant import Plant
     from impulse_control_ros.core.simulate import Run, simulate
@@ -53,10 +53,10 @@ _HOMES = {
     for module, names in {
         'errors': 'errors',
         'core.batch': 'simulate_batch',
+        'core.control_gains': 'ControlGains',
         'core.damping': 'Damping',
         'core.design': 'check_gains',
         'core.hybrid': 'Reading Solution solve',
-        'core.impulse': 'ControlGains',
         'core.metrics': 'metrics',
         'core.nonidealities': 'Actuator Disturbance Payload Sensor',
         'core.plant': 'Plant',

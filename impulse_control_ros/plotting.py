@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
 from impulse_control_ros.core.trajectory import Trajectory
 

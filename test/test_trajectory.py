@@ -8,8 +8,9 @@ from matplotlib import pyplot
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.hybrid import End, Reading, solve
-from impulse_control_ros.core.impulse import ControlGains, GUARDS
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.recording import read_bag

@@ -6,49 +6,83 @@ symbol      name        unit  meaning
 ==========  ==========  ====  =============================================================
 i           row         1     a run: the base parameters with the i-th value of each varied
 n           runs        1     number of runs
+j           lane        1     place of a run among the LANES that step together
+k           tick        1     sample
 ==========  ==========  ====  =============================================================
 
 The result of run i depends on its row alone: not on the number of threads, the order of the
 rows or what else is in the batch. Only figures of merit are kept, so memory grows with the
 runs and not with the steps; the trajectory of a chosen run is ``simulate(*row(...), duration)``.
 
-A parameter is varied by its full name, ``F_c`` or ``damping.seed``. Where plant and controller
-share a name it takes the node's: ``plant_simulator.m`` is the mass that moves, ``controller.m``
-the one the impulses are computed for.
+A step of one run is a chain in which each operation waits for the one before. LANES ideal runs
+side by side fill that waiting: the conditions in the law only choose between values, so the
+inner loops over the lanes become vector instructions. The rare step that `short_step` does not
+cover is taken alone. Runs with hardware or options go one after another, a tenth as fast.
 """
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import numba
+from numba.np.unsafe.ndarray import to_fixed_tuple
 import numpy as np
 
-from impulse_control_ros.core.careful import fresh_watch, OFF as PLAIN_LAW, packed_care
-from impulse_control_ros.core.damping import packed_damping
-from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory, packed_gains
-from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
-from impulse_control_ros.core.metrics import conclude, COUNTS, figures_dtype, Sums
-from impulse_control_ros.core.nonidealities import (
-    at_rest,
-    LEAST_STEP,
-    OFF as IDEAL_AXIS,
-    packed_hardware,
+from impulse_control_ros.core.closed_loop import close_loop, empty_trace
+from impulse_control_ros.core.control_gains import ControlGains, Gains
+from impulse_control_ros.core.control_law import (
+    control_step,
+    FRESH,
+    gains_of,
+    LawState,
+    options_of,
 )
-from impulse_control_ros.core.parameter import build, converted, declared, meant, refusal, Spec
-from impulse_control_ros.core.plant import AXIS, Plant, STATE
-from impulse_control_ros.core.rows import LEFT, run_rows
+from impulse_control_ros.core.damping import (
+    DAMPING,
+    filtered,
+    NOISE,
+    sine,
+    SINUSOIDAL,
+    within_bounds,
+)
+from impulse_control_ros.core.jit import compiled, sign
+from impulse_control_ros.core.metrics import (
+    added,
+    conclude,
+    COUNTS,
+    figures_dtype,
+    outside_since,
+    Sums,
+)
+from impulse_control_ros.core.nonidealities import begin, HARDWARE_STATE
+from impulse_control_ros.core.plant import DIVERGED, long_step, Plant, short_step
+from impulse_control_ros.core.plant_step import PlantState
 from impulse_control_ros.core.simulate import steps_of
-from impulse_control_ros.errors import ParameterError
+from impulse_control_ros.core.varied import columns, packed_rows, Rows
 
-SIDES: dict[str, type[Plant] | type[ControlGains]] = {
-    'plant_simulator': Plant,
-    'controller': ControlGains,
-}
-ARRAY_KINDS = {float: 'fiu', int: 'iu', bool: 'b', str: 'U'}
-MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
+LANES = 32  # four vectors of eight: enough to fill the waiting, few enough for the L1 cache
+CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
 TASK = 256  # runs that a thread takes at a time: milliseconds, so that Ctrl-C is heard
+SAMPLES = 256  # of a run with hardware, between two looks at its figures
+MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
+GAINS, SUMS, X_R = len(Gains._fields), len(Sums._fields), Gains._fields.index('x_r')
+KEPT = LawState._fields.index('hold') + 1  # of a law without options
+UNUSED, NOTHING = (0.0,) * (len(FRESH) - KEPT), Sums(*[0.0] * SUMS)
+NOW = (
+    'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
+    'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',
+)  # fmt: skip
+# a block of runs is one record, so that the compiler sees that these arrays do not overlap
+BLOCK = np.dtype(
+    [
+        *((name, 'f8', (LANES,)) for name in NOW),
+        ('guard', 'i8', (LANES,)),
+        *((name, DAMPING[name], (LANES,)) for name in DAMPING.names or ()),
+        ('gains', 'f8', (GAINS, LANES)),
+        ('law_state', 'f8', (KEPT, LANES)),
+        ('sums', 'f8', (SUMS, LANES)),
+    ]
+)
 
 
 def damping_seeds(seed: int, runs: int) -> np.ndarray:
@@ -62,8 +96,8 @@ def damping_seeds(seed: int, runs: int) -> np.ndarray:
 
 
 def simulate_batch(
-    axis: Plant,
-    controller: ControlGains,
+    plant: Plant,
+    gains: ControlGains,
     duration: float,
     varied: Mapping[str, Any],
     tolerances: Sequence[float] = (1e-2, 1e-3),
@@ -72,41 +106,64 @@ def simulate_batch(
     Run the closed loop for ``duration`` seconds with every row of the ``varied`` parameters.
 
     ``varied`` maps full names to arrays of one shape (runs,), in the unit of the parameter; all
-    else is as in ``axis`` and ``controller``. Returns the figures of merit, shape (runs,), dtype
+    else is as in ``plant`` and ``gains``. Returns the figures of merit, shape (runs,), dtype
     `figures_dtype`, with the settling times to ``tolerances`` [m]. Uses as many threads as
     numba does (``numba.set_num_threads``). Raises `ParameterError` as `simulate` does, and for
     names and values of ``varied`` that are not allowed, before anything runs.
     """
-    steps = steps_of(axis, controller, duration)
-    plant, law = columns(varied)
-    runs = len(next(iter((plant | law).values())))
+    steps = steps_of(plant, gains, duration)
+    sides = columns(varied)
+    runs = len(next(iter((sides[0] | sides[1]).values())))
     wanted = np.asarray(tolerances, float)
-    rows = packed_rows(axis, controller, plant, law, runs)
+    rows = packed_rows(plant, gains, *sides, runs)
     figures = np.zeros(runs, figures_dtype(len(wanted)))
 
     def task(first: int) -> None:
         part = slice(first, first + TASK)
-        figures[part] = figures_of([row[part] for row in rows], steps, wanted)
+        figures[part] = figures_of(rows.part(part), steps, wanted)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         list(pool.map(task, range(0, runs, TASK)))
     return figures
 
 
-def figures_of(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray) -> np.ndarray:
-    """Run the packed rows, see `packed_rows`, and return their figures of merit."""
-    axis, _, _, gains, *real = rows
-    now, outside = (ran_really if real else ran_ideally)(rows, steps, tolerances)
-    sums = now['sums']
-    diverged = now['bounded'] == 0.0
-    last = np.where(diverged, np.nan, now['position'] - gains['x_r'])
+def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:
+    """Run the packed rows and return their figures of merit."""
+    runs = len(rows.plant)
+    x_r = rows.law['x_r']
+    if rows.hardware is None:
+        blocks = loaded(rows)
+        outside = np.full((len(blocks), len(tolerances), LANES), -1.0)
+        run_blocks(blocks, steps, tolerances, outside)
+        sums = blocks['sums'].transpose(1, 0, 2).reshape(SUMS, -1)[:, :runs]
+        outside = outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs]
+        last, bounded = (blocks[name].ravel()[:runs] for name in ('position', 'bounded'))
+    else:
+        sums, last, bounded = np.zeros((SUMS, runs)), np.zeros(runs), np.zeros(runs)
+        outside = np.full((runs, len(tolerances)), -1.0)
+        law = rows.law.view(float).reshape(runs, -1)
+        scratch = empty_trace(min(SAMPLES, steps + 1), ideal=False), np.zeros(1, HARDWARE_STATE)
+        run_rows(
+            rows.plant,
+            rows.hardware,
+            law,
+            rows.start,
+            *scratch,
+            steps,
+            tolerances,
+            outside,
+            sums,
+            last,
+            bounded,
+        )
+    diverged = bounded == 0.0
     figures = conclude(
-        {name: sums[name] for name in Sums._fields},
+        dict(zip(Sums._fields, sums, strict=True)),
         outside,
-        now['first_error'],
-        last,
+        rows.start[:, 0] - x_r,
+        np.where(diverged, np.nan, last - x_r),
         steps,
-        axis[0]['time_step'],
+        rows.plant[0]['time_step'],
     )
     figures['diverged'] = diverged
     for name in MEASURES:
@@ -114,203 +171,183 @@ def figures_of(rows: Sequence[np.ndarray], steps: int, tolerances: np.ndarray) -
     return figures
 
 
-def ran_ideally(
-    rows: Sequence[np.ndarray],
-    steps: int,
-    tolerances: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what n runs leave, dtype LEFT, and the last ticks outside, (n, tolerances)."""
-    runs = len(rows[0])
-    blocks = loaded(*rows)
-    outside = np.full((len(blocks), len(tolerances), LANES), -1.0)
-    run_blocks(blocks, steps, tolerances, outside)
-    left = np.zeros(runs, LEFT)
-    for name in ('position', 'first_error', 'bounded'):
-        left[name] = blocks['now'][name].ravel()[:runs]
-    for name in Sums._fields:
-        left['sums'][name] = blocks['sums'][name].ravel()[:runs]
-    return left, outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs]
+def loaded(rows: Rows) -> np.ndarray:
+    """Put runs into blocks, dtype BLOCK; the last run fills what is left."""
+    runs = len(rows.plant)
+    count = -(-runs // LANES)
+    at = np.minimum(np.arange(count * LANES), runs - 1).reshape(count, LANES)
+    memory = np.zeros(count * BLOCK.itemsize + CACHE_LINE, np.uint8)
+    offset = -memory.ctypes.data % CACHE_LINE
+    blocks = memory[offset : offset + count * BLOCK.itemsize].view(BLOCK)
+    for name in ('m', 'F_c', 'time_step'):
+        blocks[name] = rows.plant[name][at]
+    for name in DAMPING.names or ():
+        blocks[name] = rows.plant['damping'][name][at]
+    for i, name in enumerate(Gains._fields):
+        blocks['gains'][:, i] = rows.law[name][at]
+    blocks['position'], blocks['velocity'] = rows.start[at, 0], rows.start[at, 1]
+    blocks['damping'], blocks['bounded'] = blocks['value'], 1.0
+    blocks['first_error'] = blocks['position'] - rows.law['x_r'][at]
+    blocks['inverse_m'] = 1.0 / blocks['m']
+    return blocks
 
 
-def ran_really(
-    rows: Sequence[np.ndarray],
-    steps: int,
-    tolerances: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Do `ran_ideally` with the hardware and the care of each row."""
-    axis, start, profile, gains, hardware, care = rows
-    left, states = np.zeros(len(axis), LEFT), np.zeros(len(axis), STATE)
-    states['position'], states['velocity'] = start.T
-    outside = np.full((len(axis), len(tolerances)), -1.0)
-    run_rows(
-        axis,
-        profile,
-        hardware,
-        states,
-        gains,
-        care,
-        at_rest(),
-        fresh_memory(),
-        fresh_watch(),
-        np.zeros(1, ANSWER),
-        steps,
-        tolerances,
-        outside,
-        left,
-    )
-    return left, outside
+@compiled
+def answer_lanes(block):
+    """Do the control law of each lane."""
+    for j in range(LANES):
+        gains = Gains(*to_fixed_tuple(block.gains[:, j], GAINS))
+        state = LawState(*(to_fixed_tuple(block.law_state[:, j], KEPT) + UNUSED))
+        command, after = control_step(state, gains, None, block.position[j], block.velocity[j])
+        block.effort[j], block.area[j] = command.effort, command.area
+        block.guard[j] = command.guard
+        for i in range(KEPT):
+            block.law_state[i, j] = after[i]
 
 
-def row(
-    axis: Plant,
-    controller: ControlGains,
-    varied: Mapping[str, Any],
-    i: int,
-) -> tuple[Plant, ControlGains]:
-    """Return the parameters of run ``i`` of a batch, as `simulate` takes them."""
-    plant, law = (
-        {name: value.item() for name, value in side.items()}
-        for side in columns({name: np.asarray(values)[[i]] for name, values in varied.items()})
-    )
-    return build(type(axis), axis.flat() | plant), replace(controller, **law)
-
-
-def packed_rows(
-    axis: Plant,
-    controller: ControlGains,
-    plant: dict[str, np.ndarray],
-    law: dict[str, np.ndarray],
-    runs: int,
-) -> tuple[np.ndarray, ...]:
-    """
-    Return the kernels' view of ``runs`` rows: AXIS, start (runs, 2), DAMPING, GAINS.
-
-    Where one is not ideal, HARDWARE and CARE come besides.
-    """
-    values = axis.flat() | plant
-    if np.any(np.asarray(values['damping.lower']) > values['damping.upper']):
-        bounds = np.broadcast_arrays(values['damping.lower'], values['damping.upper'])
-        i = int(np.flatnonzero(np.ravel(bounds[0] > bounds[1]))[0])
-        lower, upper = (float(np.ravel(bound)[i]) for bound in bounds)
-        raise refusal(f'damping.lower[{i}]', lower, f'<= damping.upper = {upper:g} [N s/m]')
-    axes, start = np.zeros(runs, AXIS), np.zeros((runs, 2))
-    for name in AXIS.names or ():
-        axes[name] = values[name]
-    start[:, 0], start[:, 1] = values['x_0'], values['v_0']
-    profile = {name.removeprefix('damping.'): value for name, value in values.items()}
-    return (
-        axes,
-        start,
-        packed_damping(profile, axis.time_step, runs),
-        packed_gains(controller.flat() | law, runs),
-        *real_rows(axis, controller.flat() | law, values, runs),
-    )
-
-
-def real_rows(
-    axis: Plant,
-    gains: Mapping[str, Any],
-    values: Mapping[str, Any],
-    runs: int,
-) -> tuple[np.ndarray, ...]:
-    """Return the kernels' view of what is not ideal: HARDWARE, CARE; () where all rows are."""
-    refuse_misfits(axis, values, runs)
-    if all(
-        np.all(np.asarray(given[name]) == off)
-        for given, nothing in ((values, IDEAL_AXIS), (gains, PLAIN_LAW))
-        for name, off in nothing.items()
-    ):
-        return ()
-    return packed_hardware(values, axis.time_step, runs), packed_care(gains, runs)
-
-
-def refuse_misfits(axis: Plant, values: Mapping[str, Any], runs: int) -> None:
-    """Refuse the first row whose values do not fit together, as `Plant` does."""
-    m, F_c, F_s, start, end, step = (
-        np.asarray(values[name])
-        for name in (
-            'm',
-            'F_c',
-            'stribeck.F_s',
-            'disturbance.start',
-            'disturbance.end',
-            'sensor.resolution',
+@compiled
+def add_lanes(block, outside, tolerances, tick):
+    """Add the sample of each lane to its sums."""
+    for j in range(LANES):
+        error = block.position[j] - block.gains[X_R, j]
+        sums = added(
+            Sums(*to_fixed_tuple(block.sums[:, j], SUMS)),
+            sign(block.first_error[j]),
+            error,
+            block.velocity[j],
+            block.effort[j],
+            block.area[j],
+            block.guard[j],
         )
-    )
-    wrong = (
-        (m + values['payload.mass'] <= 0.0)
-        | ((F_s > 0.0) & (F_s < F_c))
-        | ((end > 0.0) & (end <= start))
-        | ((step > 0.0) & (step < LEAST_STEP))
-    )
-    if wrong.any():
-        i = int(np.argmax(np.broadcast_to(wrong, runs)))
-        build(
-            type(axis),
-            {name: np.broadcast_to(value, runs)[i].item() for name, value in values.items()},
-        )  # raises
+        for i in range(SUMS):
+            block.sums[i, j] = sums[i]
+        small = (abs(block.position[j]) < DIVERGED) & (abs(block.velocity[j]) < DIVERGED)
+        block.bounded[j] = block.bounded[j] if small else 0.0
+    for i in range(len(tolerances)):
+        last, tolerance = outside[i], tolerances[i]
+        for j in range(LANES):
+            error = block.position[j] - block.gains[X_R, j]
+            last[j] = outside_since(last[j], tick, error, tolerance)
 
 
-def columns(varied: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """
-    Return the arrays of the plant's and of the controller's varied parameters, by full name.
-
-    Raises `ParameterError` for a name, a shape or a value that is not allowed.
-    """
-    sides: dict[str, dict[str, np.ndarray]] = {side: {} for side in SIDES}
-    runs = None
-    for name, values in varied.items():
-        side, inner, default, spec = found(name)
-        array = np.asarray(values)
-        if array.ndim != 1 or not array.size or runs not in (None, len(array)):
-            raise ParameterError(
-                f'invalid {name} of shape {array.shape}: must be '
-                + (f'({runs},), as the others' if runs else '(runs,)')
+@compiled
+def set_damping(block, tick, noisy, wavy):
+    """Set the damping of each lane for the sample that starts at ``tick``."""
+    if noisy:
+        for j in range(LANES):
+            block.noise[j] = filtered(
+                block.noise[j], block.pole[j], block.gain[j], block.seed[j], tick
             )
-        runs = len(array)
-        sides[side][inner] = checked(name, array, default, spec)
-    if runs is None:
-        raise ParameterError('no parameter is varied: at least one is needed')
-    return sides['plant_simulator'], sides['controller']
+    if wavy:
+        for j in range(LANES):
+            block.wave[j] = sine(block.turn[j] * tick)
+    if noisy or wavy:
+        for j in range(LANES):
+            block.damping[j] = within_bounds(
+                block.kind[j],
+                block.value[j],
+                block.lower[j],
+                block.upper[j],
+                block.noise[j],
+                block.wave[j],
+            )
 
 
-def found(name: str) -> tuple[str, str, Any, Spec]:
-    """Return (side, name there, default, spec) of a varied parameter, or raise."""
-    known = {
-        f'{side}.{inner}': (side, inner, default, spec)
-        for side, kind in SIDES.items()
-        for inner, default, spec in declared(kind)
-        if not spec.read_only
-    }
-    same = [full for full in known if full == name or full.split('.', 1)[1] == name]
-    if len(same) == 1:
-        return known[same[0]]
-    raise ParameterError(
-        f'{name}: no such parameter can be varied'
-        + (
-            f'; is {" or ".join(same)} meant?'
-            if same
-            else meant(name, [*known, *(full.split('.', 1)[1] for full in known)])
+@compiled
+def step_lanes(block):
+    """Step the axis of each lane."""
+    left = LANES
+    for j in range(LANES):
+        block.old_position[j], block.old_velocity[j] = block.position[j], block.velocity[j]
+        block.position[j], block.velocity[j], whole = short_step(
+            block.position[j],
+            block.velocity[j],
+            block.effort[j],
+            block.damping[j],
+            block.inverse_m[j],
+            block.F_c[j],
+            block.time_step[j],
         )
-    )
+        block.whole[j] = 1.0 if whole else 0.0
+        left -= 1 if whole else 0
+    for j in range(LANES if left else 0):
+        if block.whole[j] == 0.0:
+            block.position[j], block.velocity[j] = long_step(
+                block.old_position[j],
+                block.old_velocity[j],
+                block.effort[j],
+                block.damping[j],
+                block.m[j],
+                block.F_c[j],
+                block.time_step[j],
+            )
 
 
-def checked(name: str, array: np.ndarray, default: Any, spec: Spec) -> np.ndarray:
-    """Return ``array`` with the type of ``default``; refuse its first wrong value by its row."""
-    if array.dtype.kind not in ARRAY_KINDS[type(default)]:
-        wrong = 0
-    else:
-        array = array.astype(float) if type(default) is float else array
-        admitted = np.isin(array, spec.choices) if spec.choices else np.ones(len(array), bool)
-        if array.dtype.kind == 'f':
-            admitted &= np.isfinite(array)
-        if spec.lower is not None:
-            admitted &= array > spec.lower if spec.open_lower else array >= spec.lower
-        if spec.upper is not None:
-            admitted &= array < spec.upper if spec.open_upper else array <= spec.upper
-        if admitted.all():
-            return array
-        wrong = int(np.argmin(admitted))
-    value = array[wrong].item() if array.dtype.kind != 'O' else array[wrong]
-    converted(f'{name}[{wrong}]', value, default, spec)  # raises, in the words of one value
-    raise refusal(f'{name}[{wrong}]', value, spec.allowed(type(default)))
+@compiled
+def run_blocks(blocks, steps, tolerances, outside):
+    """
+    Run every block for ``steps`` steps.
+
+    ``outside``, shape (blocks, tolerances, LANES), becomes the last tick outside each tolerance.
+    """
+    for i in range(len(blocks)):
+        block = blocks[i]
+        noisy, wavy = False, False
+        for j in range(LANES):
+            noisy |= block.kind[j] == NOISE
+            wavy |= block.kind[j] == SINUSOIDAL
+        for tick in range(steps + 1):
+            answer_lanes(block)
+            add_lanes(block, outside[i], tolerances, float(tick))
+            if tick < steps:
+                set_damping(block, tick, noisy, wavy)
+                step_lanes(block)
+
+
+@compiled
+def run_rows(
+    plants, hardware, laws, starts, trace, memory, steps, tolerances, outside, sums, last, bounded
+):
+    """
+    Run n rows one after another.
+
+    ``sums`` (fields, n), ``last`` position (n,), ``bounded`` (n,) and the last ticks ``outside``
+    (n, tolerances) become what they leave.
+    """
+    samples = len(trace.position)
+    for i in range(len(plants)):
+        one, x_r = slice(i, i + 1), gains_of(laws[i]).x_r
+        state = PlantState(0, starts[i, 0], starts[i, 1], 0.0, 0.0, 0.0)
+        begin(hardware[i], state, memory[0], 1.0 / plants[i].time_step)
+        law_state, total, within = FRESH, NOTHING, True
+        for tick in range(steps + 1):
+            k = tick % samples
+            if k == 0:
+                state, law_state = close_loop(
+                    plants[one],
+                    hardware[one],
+                    state,
+                    memory,
+                    gains_of(laws[i]),
+                    options_of(laws[i]),
+                    law_state,
+                    trace,
+                    samples,
+                )
+            x, v = trace.position[k], trace.velocity[k]
+            total = added(
+                total,
+                sign(starts[i, 0] - x_r),
+                x - x_r,
+                v,
+                trace.effort[k],
+                trace.area[k],
+                trace.guard[k],
+            )
+            for j in range(len(tolerances)):
+                outside[i, j] = outside_since(outside[i, j], float(tick), x - x_r, tolerances[j])
+            within = within and abs(x) < DIVERGED and abs(v) < DIVERGED
+            last[i] = x
+        bounded[i] = 1.0 if within else 0.0
+        for j in range(SUMS):
+            sums[j, i] = total[j]

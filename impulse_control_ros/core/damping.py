@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.jit import compiled
-from impulse_control_ros.core.parameter import parameter, Parameters, refusal
+from impulse_control_ros.core.parameter import parameter, Parameters, Rule
 
 KINDS = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
@@ -81,16 +81,15 @@ class Damping(Parameters):
     )
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
-    def check(self) -> None:
-        """Refuse crossed bounds."""
-        if self.lower > self.upper:
-            raise refusal(
-                'damping.lower', self.lower, f'<= damping.upper = {self.upper:g} [N s/m]'
-            )
-
-    def packed(self, time_step: float) -> np.ndarray:
-        """Return the kernels' view: shape (1,), dtype DAMPING."""
-        return packed_damping(self.flat(), time_step, 1)
+    prefix = 'damping.'
+    RULES = (
+        Rule(
+            'lower',
+            '<= damping.upper = {upper:g} [N s/m]',
+            {'lower': max, 'upper': min},
+            lambda lower, upper: lower <= upper,
+        ),
+    )
 
 
 def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:

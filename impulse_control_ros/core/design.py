@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.flow import first_zero, flow
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 
 

@@ -30,15 +30,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from impulse_control_ros.core.dense_output import evaluate, sample
-from impulse_control_ros.core.flow import crossing, first_zero, flow
-from impulse_control_ros.core.impulse import (
-    ControlGains,
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import (
     impulse_area,
     NO_IMPULSE,
     POSITION_ZERO,
     VELOCITY_ZERO,
 )
+from impulse_control_ros.core.dense_output import evaluate, sample
+from impulse_control_ros.core.flow import crossing, first_zero, flow
 from impulse_control_ros.core.jit import sign
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
@@ -328,7 +328,7 @@ def solve(
     values = np.array([plant.damping.value] if dampings is None else dampings, float)
     if dampings is not None or times.size:
         check_pieces(times, values)
-    axis, packed = plant.packed_axis(), gains.packed()
+    axis, packed = plant.packed(), gains.packed()
     packed['x_r'] = 0.0  # the solution is in e
     arcs, end, end_time = trace(
         axis[0],

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metrics import (
     COUNTS,
     integral,

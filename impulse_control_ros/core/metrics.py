@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.impulse import POSITION_ZERO, STICKING, VELOCITY_ZERO
+from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING, VELOCITY_ZERO
 from impulse_control_ros.core.jit import compiled, sign
 
 ROUNDING = 1e-9  # share of an effort, or of 1 N, that is no difference

@@ -34,7 +34,7 @@ import numpy as np
 
 from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
 from impulse_control_ros.core.jit import compiled
-from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 
 VELOCITIES = ('ideal', 'difference', 'none')
 IDEAL, DIFFERENCE, NONE = range(3)
@@ -104,10 +104,15 @@ class Sensor(Parameters):
     )
     seed: int = parameter(1, '', 'seed of both noises', lower=0, upper=MOST_SEED)
 
-    def check(self) -> None:
-        """Refuse steps so small that their number overflows."""
-        if 0.0 < self.resolution < LEAST_STEP:
-            raise refusal('sensor.resolution', self.resolution, f'0 or >= {LEAST_STEP:g} [m]')
+    prefix = 'sensor.'
+    RULES = (
+        Rule(
+            'resolution',
+            f'0 or >= {LEAST_STEP:g} [m]',  # the number of steps must not overflow
+            {'resolution': min},
+            lambda resolution: (resolution == 0.0) | (resolution >= LEAST_STEP),
+        ),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,12 +172,15 @@ class Disturbance(Parameters):
     )
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
-    def check(self) -> None:
-        """Refuse an end before the start."""
-        if 0.0 < self.end <= self.start:
-            raise refusal(
-                'disturbance.end', self.end, f'0 or > disturbance.start = {self.start:g} [s]'
-            )
+    prefix = 'disturbance.'
+    RULES = (
+        Rule(
+            'end',
+            '0 or > disturbance.start = {start:g} [s]',
+            {'start': max, 'end': min},
+            lambda start, end: (end == 0.0) | (end > start),
+        ),
+    )
 
 
 # Values with which the axis is ideal.
@@ -190,9 +198,9 @@ OFF: Mapping[str, Any] = {
 }
 
 
-def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
+def packed_hardware(values: Mapping[str, Any], runs: int) -> np.ndarray:
     """Pack values, or arrays of shape (runs,), by the names of `Plant`: dtype HARDWARE."""
-    rows = np.zeros(runs, HARDWARE)
+    rows, time_step = np.zeros(runs, HARDWARE), values['time_step']
     for name, source in (
         ('resolution', 'sensor.resolution'),
         ('position_noise', 'sensor.position_noise'),
@@ -234,13 +242,6 @@ def packed_hardware(values: Mapping[str, Any], time_step: float, runs: int) -> n
     return rows
 
 
-def at_rest() -> np.ndarray:
-    """Return the state of the hardware after a reset: shape (1,), dtype HARDWARE_STATE."""
-    hidden = np.zeros(1, HARDWARE_STATE)
-    hidden['measured'] = hidden['noise'] = np.nan  # none yet
-    return hidden
-
-
 @compiled
 def normal(seed, start, tick):
     """
@@ -259,47 +260,56 @@ def normal(seed, start, tick):
 
 
 @compiled
-def measure(hardware, state, hidden, sample_rate):
-    """Measure the state: set ``hidden.position`` and ``hidden.velocity``."""
+def measure(hardware, state, memory, sample_rate):
+    """Measure the state: set ``memory.position`` and ``memory.velocity``."""
     x, v = state.position, state.velocity
     if hardware.position_noise > 0.0:
         x += hardware.position_noise * normal(hardware.sensor_seed, POSITION_NOISE, state.tick)
     if hardware.resolution > 0.0:
         x = hardware.resolution * np.floor(x / hardware.resolution + 0.5)
     if hardware.velocity == DIFFERENCE:
-        v = 0.0 if np.isnan(hidden.measured) else (x - hidden.measured) * sample_rate
+        v = 0.0 if np.isnan(memory.measured) else (x - memory.measured) * sample_rate
     if hardware.velocity_noise > 0.0:
         v += hardware.velocity_noise * normal(hardware.sensor_seed, VELOCITY_NOISE, state.tick)
-    hidden.position, hidden.measured = x, x
-    hidden.velocity = np.nan if hardware.velocity == NONE else v
+    memory.position, memory.measured = x, x
+    memory.velocity = np.nan if hardware.velocity == NONE else v
 
 
 @compiled
-def actuate(hardware, hidden, tick, command):
+def actuate(hardware, memory, tick, command):
     """Return the mean effort [N] over the sample that starts at ``tick``."""
-    hidden.queue[tick % (MOST_DELAY + 1)] = command
-    arrived = hidden.queue[(tick - hardware.delay) % (MOST_DELAY + 1)]
+    memory.queue[tick % (MOST_DELAY + 1)] = command
+    arrived = memory.queue[(tick - hardware.delay) % (MOST_DELAY + 1)]
     target = min(max(arrived, -hardware.limit), hardware.limit)
     if hardware.pole == 0.0:
-        hidden.actuator = target
+        memory.actuator = target
         return target
-    away = hidden.actuator - target
-    hidden.actuator = target + away * hardware.pole
+    away = memory.actuator - target
+    memory.actuator = target + away * hardware.pole
     return target + away * hardware.share
 
 
 @compiled
-def disturb(hardware, hidden, tick):
+def disturb(hardware, memory, tick):
     """Return the disturbance [N] over the sample that starts at ``tick``."""
     shape = 1.0
     if hardware.kind == NOISE:
         fresh = white(hardware.force_seed, FORCE_NOISE + np.uint64(tick))
-        hidden.noise = (
+        memory.noise = (
             fresh
-            if np.isnan(hidden.noise)
-            else (hardware.force_pole * hidden.noise + hardware.force_gain * fresh)
+            if np.isnan(memory.noise)
+            else (hardware.force_pole * memory.noise + hardware.force_gain * fresh)
         )
-        shape = hidden.noise
+        shape = memory.noise
     elif hardware.kind == SINUSOIDAL:
         shape = sine(hardware.turn * (tick - hardware.start))
     return hardware.force * shape if hardware.start <= tick < hardware.end else 0.0
+
+
+@compiled
+def begin(hardware, state, memory, sample_rate):
+    """Forget all that the hardware remembers, and measure the state that it begins with."""
+    memory.measured, memory.noise, memory.actuator = np.nan, np.nan, 0.0
+    for i in range(len(memory.queue)):
+        memory.queue[i] = 0.0
+    measure(hardware, state, memory, sample_rate)

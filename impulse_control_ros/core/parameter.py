@@ -5,12 +5,15 @@ Everything else derives from these fields: validation at birth, the ROS declarat
 (nodes/parameters.py), the check of a YAML file and the table in the documentation.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
+from functools import cache
 import math
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any, cast, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
 
 from impulse_control_ros.errors import ParameterError
 
@@ -28,6 +31,14 @@ RENAMED = {
     'managed': 'lifecycle',
     'stick_samples': 'stiction_wait_samples',
 }
+
+
+F = TypeVar('F', bound=Callable[..., Any])
+
+
+def once(function: F) -> F:
+    """Return the cached function; mypy does not see that classes are hashable."""
+    return cast(F, cache(function))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,13 +105,19 @@ class Parameters:
     """
     A frozen set of parameters that refuses nonsense at birth.
 
-    Subclasses declare their fields with `parameter`, and override `check` for the laws that
-    bind several of them. An integer given for a float becomes a float.
+    Subclasses declare their fields with `parameter`, the rules between them as `RULES`, and
+    override `check` for what is neither. The full name of a parameter of a nested set starts with
+    the ``prefix`` of its class. An integer given for a float becomes a float.
     """
+
+    prefix: ClassVar[str] = ''
+    RULES: ClassVar[tuple['Rule', ...]] = ()
 
     def __post_init__(self) -> None:
         for name, default, spec in declared(type(self), nested=False):
             object.__setattr__(self, name, converted(name, getattr(self, name), default, spec))
+        if self.RULES:
+            require_rules(type(self), self.flat(), nested=False)
         self.check()
 
     def check(self) -> None:
@@ -108,15 +125,64 @@ class Parameters:
 
     def flat(self) -> dict[str, Any]:
         """Return every value by its full name, e.g. ``{'m': 0.1, 'damping.kind': 'noise'}``."""
-        return {name: attrgetter(name)(self) for name, _, _ in declared(type(self))}
+        return {name: value_of(self) for name, value_of in _getters(type(self))}
+
+
+class Rule(NamedTuple):
+    """
+    A rule between parameters of a class, by their names there.
+
+    ``name`` is the one that is refused, and ``allowed`` says what it must be, a format of the
+    values. ``hardest`` names the parameters that ``holds`` takes, in order, with the extreme
+    (min or max) of each at which the rule is hardest to meet. ``holds`` takes scalars, or arrays
+    of shape (n,) of which it judges each.
+    """
+
+    name: str
+    allowed: str
+    hardest: Mapping[str, Callable[..., Any]]
+    holds: Callable[..., Any]
+
+
+def rules(kind: type['Parameters'], nested: bool = True) -> Iterator[tuple[str, Rule]]:
+    """Yield the rules of a class, each with the prefix of its names."""
+    yield from (('', rule) for rule in kind.RULES)
+    for item in fields(kind) if nested else ():
+        if item.default is MISSING:
+            inner = nested_kind(item)
+            yield from ((inner.prefix, rule) for rule in inner.RULES)
+
+
+def require_rules(
+    kind: type['Parameters'], values: Mapping[str, Any], nested: bool = True
+) -> None:
+    """
+    Raise `ParameterError` for the first rule of a class that ``values`` by full name break.
+
+    Arrays of shape (n,) among them are judged row by row, and the error names the first row.
+    """
+    for prefix, rule in rules(kind, nested):
+        bound = {name: values[prefix + name] for name in rule.hardest}
+        holds = np.atleast_1d(rule.holds(*(np.asarray(value) for value in bound.values())))
+        if holds.all():
+            continue
+        at = int(np.argmin(holds))
+        varied = any(np.ndim(value) for value in bound.values())
+        bound = {
+            name: np.asarray(value).ravel()[min(at, np.size(value) - 1)].item()
+            for name, value in bound.items()
+        }
+        name = (prefix or kind.prefix) + rule.name + (f'[{at}]' if varied else '')
+        raise refusal(name, bound[rule.name], rule.allowed.format_map(bound))
 
 
 KIND = TypeVar('KIND', bound=Parameters)
 
 
-def declared(kind: type[Parameters], nested: bool = True) -> list[tuple[str, Any, Spec]]:
-    """List (name, default, spec) of a class' parameters; ``nested`` ones as 'damping.kind'."""
-    found = []
+@once
+def declared(kind: type[Parameters], nested: bool = True) -> tuple[tuple[str, Any, Spec], ...]:
+    """Return (name, default, spec) of a class' parameters; ``nested`` ones as 'damping.kind'."""
+    found: list[tuple[str, Any, Spec]] = []
     for item in fields(kind):
         if item.default is not MISSING:
             found.append((item.name, item.default, item.metadata['spec']))
@@ -125,7 +191,12 @@ def declared(kind: type[Parameters], nested: bool = True) -> list[tuple[str, Any
                 (f'{item.name}.{name}', default, spec)
                 for name, default, spec in declared(nested_kind(item))
             ]
-    return found
+    return tuple(found)
+
+
+@once
+def _getters(kind: type[Parameters]) -> list[tuple[str, Callable[[Any], Any]]]:
+    return [(name, attrgetter(name)) for name, _, _ in declared(kind)]
 
 
 def nested_kind(item: Field[Any]) -> type['Parameters']:

@@ -27,13 +27,14 @@ While d dt / m is small, as at any sensible time step, series replace exp and lo
 the last bits, faster, and of one form for every run, so that a batch steps many at once.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.damping import DAMPING, Damping, packed_damping
 from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.nonidealities import (
     Actuator,
@@ -43,25 +44,13 @@ from impulse_control_ros.core.nonidealities import (
     Payload,
     Sensor,
 )
-from impulse_control_ros.core.parameter import FAR, parameter, Parameters, refusal
+from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 from impulse_control_ros.core.stribeck import Stribeck
 from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.errors import DivergedError
 
 DIVERGED = DivergedError.bound
-AXIS = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8')])
-# effort and damping of a state are those that acted over the sample that led to it.
-STATE = np.dtype(
-    [
-        ('tick', 'i8'),
-        ('position', 'f8'),
-        ('velocity', 'f8'),
-        ('effort', 'f8'),
-        ('damping', 'f8'),
-        ('noise', 'f8'),
-    ]
-)
-REAL_PARTS, ALL_OFF = attrgetter(*OFF), tuple(OFF.values())
+PLANT = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8'), ('damping', DAMPING)])
 SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
 
@@ -87,36 +76,48 @@ class Plant(Parameters):
     payload: Payload = parameter(Payload(), '', 'step of the mass')
     disturbance: Disturbance = parameter(Disturbance(), '', 'force beside the effort')
 
+    RULES = (
+        Rule(
+            'payload.mass',
+            '> -m = -{m:g} [kg]',
+            {'m': min, 'payload.mass': min},
+            lambda m, mass: m + mass > 0.0,
+        ),
+        Rule(
+            'stribeck.F_s',
+            '0 or >= F_c = {F_c:g} [N]',
+            {'F_c': max, 'stribeck.F_s': min},
+            lambda F_c, F_s: (F_s == 0.0) | (F_s >= F_c),
+        ),
+    )
+
     def check(self) -> None:
-        """Refuse stamps of no whole nanoseconds, no mass, and less friction at rest."""
+        """Stamps are integers: the sampling period is a whole number of nanoseconds."""
         nanoseconds(self.time_step, 'time_step')
-        if not self.m + self.payload.mass > 0.0:
-            raise refusal('payload.mass', self.payload.mass, f'> -m = {-self.m:g} [kg]')
-        if 0.0 < self.stribeck.F_s < self.F_c:
-            raise refusal('stribeck.F_s', self.stribeck.F_s, f'0 or >= F_c = {self.F_c:g} [N]')
 
     @property
     def is_ideal(self) -> bool:
         """Tell whether state and effort are those of the model, see core/nonidealities.py."""
-        return bool(REAL_PARTS(self) == ALL_OFF)
+        values = self.flat()
+        return all(values[name] == off for name, off in OFF.items())
 
-    def packed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the kernels' view: arrays of shape (1,) of dtype AXIS and DAMPING."""
-        return self.packed_axis(), self.damping.packed(self.time_step)
-
-    def packed_axis(self) -> np.ndarray:
-        """Return the kernels' view without the damping: shape (1,), dtype AXIS."""
-        return np.array([(self.m, self.F_c, self.time_step)], AXIS)
+    def packed(self) -> np.ndarray:
+        """Return the kernels' view: shape (1,), dtype PLANT."""
+        return packed_plant(self.flat(), 1)
 
     def packed_hardware(self) -> np.ndarray:
         """Return the kernels' view of what is not ideal: shape (1,), dtype HARDWARE."""
-        return packed_hardware(self.flat(), self.time_step, 1)
+        return packed_hardware(self.flat(), 1)
 
-    def start(self) -> np.ndarray:
-        """Return the state at tick 0, shape (1,), dtype STATE; nothing has acted on it yet."""
-        state = np.zeros(1, STATE)
-        state['position'], state['velocity'] = self.x_0, self.v_0
-        return state
+
+def packed_plant(values: Mapping[str, Any], runs: int) -> np.ndarray:
+    """Pack values, or arrays of shape (runs,), by the names of `Plant`: dtype PLANT."""
+    plant = np.zeros(runs, PLANT)
+    for name in ('m', 'F_c', 'time_step'):
+        plant[name] = values[name]
+    profile = {name.removeprefix('damping.'): value for name, value in values.items()}
+    plant['damping'] = packed_damping(profile, values['time_step'], runs)
+    return plant
 
 
 @compiled

@@ -1,66 +1,115 @@
 """
-The plant as its controller sees it: the axis behind its sensor and its actuator.
+The plant as its controller sees it: the axis behind its actuator and its sensor.
 
-Where all of core/nonidealities.py is off and friction is Coulomb's, `axis_step` after `damping_at`
-does the same, to the same bits, at less cost; `Plant.is_ideal` says where that will do.
+An ideal one has no hardware: the step is then compiled without it.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from impulse_control_ros.core.damping import damping_at
 from impulse_control_ros.core.jit import compiled
-from impulse_control_ros.core.nonidealities import actuate, at_rest, disturb, measure
+from impulse_control_ros.core.nonidealities import (
+    actuate,
+    begin,
+    disturb,
+    HARDWARE_STATE,
+    measure,
+)
 from impulse_control_ros.core.plant import axis_step, Plant
 from impulse_control_ros.core.stribeck import stribeck_step
 
 
-@compiled
-def sense(axis, hardware, state, hidden):
-    """Measure the state; all are arrays of shape (1,), the form that the plant node has."""
-    measure(hardware[0], state[0], hidden[0], 1.0 / axis[0].time_step)
-
-
-@compiled
-def plant_step(axis, profile, hardware, state, hidden, command):
+class PlantState(NamedTuple):
     """
-    Advance the state by one sample under ``command`` [N], in place, and measure it.
+    The plant at a sample: tick, position [m], velocity [m/s], and the noise of its damping.
 
-    All but the command are arrays of shape (1,). The state's effort is the mean over the sample
-    of what the actuator gave.
+    ``effort`` [N] and ``damping`` [N s/m] acted over the sample that led to it.
     """
-    now, axle, real, inner = state[0], axis[0], hardware[0], hidden[0]
-    now.damping, now.noise = damping_at(profile[0], now.noise, now.tick)
-    now.effort = actuate(real, inner, now.tick, command)
-    force = now.effort + disturb(real, inner, now.tick) if real.force != 0.0 else now.effort
-    m = axle.m + real.mass if now.tick >= real.mass_time else axle.m
-    if real.F_s > axle.F_c:
-        now.position, now.velocity = stribeck_step(
-            now.position,
-            now.velocity,
+
+    tick: int
+    position: float
+    velocity: float
+    effort: float
+    damping: float
+    noise: float
+
+
+FIRST = PlantState(0, 0.0, 0.0, 0.0, 0.0, 0.0)
+STATE = np.dtype([('tick', 'i8'), *((name, 'f8') for name in PlantState._fields[1:])])
+
+
+class Axis(NamedTuple):
+    """Moving mass [kg], Coulomb friction [N] and sampling period [s] of a PLANT record."""
+
+    m: float
+    F_c: float
+    time_step: float
+
+
+@compiled
+def axis_of(plant):
+    """Return the `Axis` of a PLANT record."""
+    return Axis(plant.m, plant.F_c, plant.time_step)
+
+
+@compiled
+def plant_step(axis, profile, hardware, state, memory, command):
+    """
+    Return the `PlantState` one sample later, under ``command`` [N].
+
+    ``profile`` is a record of dtype DAMPING. ``hardware`` and ``memory`` are records of dtypes
+    HARDWARE and HARDWARE_STATE, None for an ideal plant; the latter takes the measured state.
+    """
+    damping, noise = damping_at(profile, state.noise, state.tick)
+    if hardware is None:
+        position, velocity = axis_step(
+            state.position, state.velocity, command, damping, axis.m, axis.F_c, axis.time_step
+        )
+        return PlantState(state.tick + 1, position, velocity, command, damping, noise)
+    effort = actuate(hardware, memory, state.tick, command)
+    force = effort + disturb(hardware, memory, state.tick) if hardware.force != 0.0 else effort
+    m = axis.m + hardware.mass if state.tick >= hardware.mass_time else axis.m
+    if hardware.F_s > axis.F_c:
+        position, velocity = stribeck_step(
+            state.position,
+            state.velocity,
             force,
-            now.damping,
+            damping,
             m,
-            axle.F_c,
-            real.F_s,
-            real.v_s,
-            axle.time_step,
+            axis.F_c,
+            hardware.F_s,
+            hardware.v_s,
+            axis.time_step,
         )
     else:
-        now.position, now.velocity = axis_step(
-            now.position, now.velocity, force, now.damping, m, axle.F_c, axle.time_step
+        position, velocity = axis_step(
+            state.position, state.velocity, force, damping, m, axis.F_c, axis.time_step
         )
-    now.tick += 1
-    sense(axis, hardware, state, hidden)
+    after = PlantState(state.tick + 1, position, velocity, effort, damping, noise)
+    measure(hardware, after, memory, 1.0 / axis.time_step)
+    return after
 
 
-def put_to_start(axis: Plant, state: np.ndarray) -> np.ndarray:
-    """
-    Put ``state`` to the start of ``axis``, and return the memory of its hardware there.
+@compiled
+def step_in_place(plant, hardware, state, memory, command):
+    """Do `plant_step` on arrays of shape (1,), of the dtypes of these names."""
+    now = state[0]
+    before = PlantState(now.tick, now.position, now.velocity, now.effort, now.damping, now.noise)
+    after = plant_step(
+        axis_of(plant[0]), plant[0].damping, hardware[0], before, memory[0], command
+    )
+    now.tick, now.position, now.velocity, now.effort, now.damping, now.noise = after
 
-    Both have shape (1,), dtypes STATE and HARDWARE_STATE. Tick and noise stay: time goes on.
-    """
-    start, hidden = axis.start(), at_rest()
-    for name in ('position', 'velocity', 'effort'):
-        state[name] = start[name]
-    sense(axis.packed_axis(), axis.packed_hardware(), state, hidden)
-    return hidden
+
+def start_of(plant: Plant, before: PlantState = FIRST) -> PlantState:
+    """Return the start of a plant; tick and noise are those of ``before``: time goes on."""
+    return before._replace(position=plant.x_0, velocity=plant.v_0, effort=0.0)
+
+
+def memory_at(start: PlantState, plant: Plant) -> np.ndarray:
+    """Return the memory of the hardware at the start: shape (1,), dtype HARDWARE_STATE."""
+    memory = np.zeros(1, HARDWARE_STATE)
+    begin(plant.packed_hardware()[0], start, memory[0], 1.0 / plant.time_step)
+    return memory

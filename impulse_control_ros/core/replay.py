@@ -6,56 +6,37 @@ its start. Both go piece by piece: within one the parameters are constant.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_law
-from impulse_control_ros.core.impulse import ANSWER, ControlGains, fresh_memory
-from impulse_control_ros.core.jit import compiled
-from impulse_control_ros.core.nonidealities import at_rest
-from impulse_control_ros.core.plant import Plant, STATE
-from impulse_control_ros.core.plant_step import plant_step, put_to_start
+from impulse_control_ros.core.closed_loop import (
+    ClosedLoop,
+    commands_of,
+    empty_trace,
+    measured_states,
+    Trace,
+)
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import answer_samples, COMMAND, FRESH
+from impulse_control_ros.core.plant import Plant
 
 
 class Piece(NamedTuple):
     """
     What holds from sample ``first`` on.
 
-    The ``controller`` answers this sample, and the ``axis``, None for an unknown one, steps on
-    from it. ``afresh`` tells
-    that the controller's memory is empty before it; ``start`` is the axis whose start the state
-    of this sample is, None where it follows from the sample before.
+    The controller with ``gains`` answers this sample, and the ``plant``, None for an unknown
+    one, steps on from it. ``afresh`` tells that the controller's memory is empty before it;
+    ``start`` is the plant whose start the state of this sample is, None where it follows from the
+    sample before.
     """
 
     first: int
-    axis: Plant | None
-    controller: ControlGains
+    plant: Plant | None
+    gains: ControlGains
     afresh: bool
     start: Plant | None
-
-
-@compiled
-def answer_each(memory, watch, gains, care, position, velocity, answers):
-    """Answer n samples: ``position``, ``velocity`` and ``answers`` have shape (n,)."""
-    for k in range(len(answers)):
-        control_carefully(memory, watch, gains, care, position[k], velocity[k], answers[k : k + 1])
-
-
-@compiled
-def close_loop(
-    axis, profile, hardware, state, hidden, memory, watch, gains, care, states, answers
-):
-    """Make n samples, and answer them, from ``state`` on: the last two have shape (n,)."""
-    for k in range(len(answers)):
-        if k:
-            plant_step(axis, profile, hardware, state, hidden, answers[k - 1].effort)
-        seen = hidden[0]
-        states[k] = state[0]
-        states[k].position, states[k].velocity = seen.position, seen.velocity
-        control_carefully(
-            memory, watch, gains, care, seen.position, seen.velocity, answers[k : k + 1]
-        )
 
 
 def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
@@ -66,54 +47,39 @@ def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
 
 def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]) -> np.ndarray:
     """
-    Return the law's answers to n samples [m, m/s] of shape (n,): dtype ANSWER.
+    Return the law's answers to n samples [m, m/s] of shape (n,): dtype COMMAND.
 
     A velocity that was not measured is nan. The first piece starts at sample 0.
     """
-    answers, memory, watch = np.zeros(len(position), ANSWER), fresh_memory(), fresh_watch()
+    commands, state = np.zeros(len(position), COMMAND), FRESH
     for piece, span in spans(pieces, len(position)):
-        if piece.afresh:
-            memory, watch = fresh_memory(), fresh_watch()
-        answer_each(
-            memory,
-            watch,
-            *packed_law(piece.controller),
+        state = answer_samples(
+            FRESH if piece.afresh else state,
+            piece.gains.values,
+            piece.gains.options,
             position[span],
             velocity[span],
-            answers[span],
+            commands[span],
         )
-    return answers
+    return commands
 
 
 def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return ``count`` states, as measured, and the answers: shape (count,), dtype STATE and ANSWER.
+    Return ``count`` states, as measured, and their answers: dtypes STATE and COMMAND.
 
-    The first piece starts at sample 0, with a start; each has an axis.
+    The first piece starts at sample 0, with a start; each has a plant.
     """
-    states, answers = np.zeros(count, STATE), np.zeros(count, ANSWER)
-    state, hidden = np.zeros(1, STATE), at_rest()
-    memory, watch = fresh_memory(), fresh_watch()
-    axis: Any = None
-    for piece, span in spans(pieces, count):
-        if span.start and not piece.start:
-            plant_step(*axis, state, hidden, answers[span.start - 1]['effort'])
-        elif span.start:
-            state['tick'] += 1
-        assert piece.axis
-        axis = (*piece.axis.packed(), piece.axis.packed_hardware())
-        if piece.start:
-            hidden = put_to_start(piece.start, state)
+    first = pieces[0]
+    assert first.start
+    trace, loop = empty_trace(count, ideal=False), ClosedLoop(first.start, first.gains)
+    starts = [piece.start for piece in pieces[1:]] + [None]
+    for (piece, span), next_start in zip(spans(pieces, count), starts, strict=True):
+        assert piece.plant
+        loop.change(piece.plant, piece.gains)
+        if piece.start and span.start:
+            loop.start(piece.start)
         if piece.afresh:
-            memory, watch = fresh_memory(), fresh_watch()
-        close_loop(
-            *axis,
-            state,
-            hidden,
-            memory,
-            watch,
-            *packed_law(piece.controller),
-            states[span],
-            answers[span],
-        )
-    return states, answers
+            loop.forget()
+        loop.fill(Trace(*(signal[span] for signal in trace)), step_on=next_start is None)
+    return measured_states(trace, 0), commands_of(trace)

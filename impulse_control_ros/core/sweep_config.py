@@ -22,15 +22,22 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.batch import columns, figures_of, found, packed_rows
+from impulse_control_ros.core.batch import figures_of, LANES
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.distributions import Distribution, SUITED
-from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.lanes import LANES
 from impulse_control_ros.core.metric_catalogue import METRICS, settling, sweep_metrics, TOLERANCES
 from impulse_control_ros.core.metrics import COUNTS
-from impulse_control_ros.core.parameter import build, converted, parameter, Parameters, refusal
+from impulse_control_ros.core.parameter import (
+    build,
+    converted,
+    parameter,
+    Parameters,
+    refusal,
+    rules,
+)
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import steps_of
+from impulse_control_ros.core.varied import columns, found, packed_rows
 from impulse_control_ros.errors import ParameterError
 
 CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
@@ -148,28 +155,20 @@ def typed(name: str, value: Any) -> Any:
     return converted(name, value, default, spec)
 
 
-# Of values that bind each other the ones on which they meet first, by name: largest or smallest.
-TIGHTEST = {
-    'damping.lower': max,
-    'damping.upper': min,
-    'm': min,
-    'payload.mass': min,
-    'F_c': max,
-    'stribeck.F_s': min,
-    'disturbance.start': max,
-    'disturbance.end': min,
-}
-
-
-def _require_bounds(values: Mapping[str, list[Any]], axis: Plant) -> None:
-    """Refuse values of the axis that do not fit together in some row."""
+def _require_bounds(values: Mapping[str, list[Any]], plant: Plant) -> None:
+    """Refuse values of the plant that break a rule between them in some row."""
+    hardest = {
+        prefix + name: extreme
+        for prefix, rule in rules(type(plant))
+        for name, extreme in rule.hardest.items()
+    }
     tightest = {
-        inner: TIGHTEST[inner](given)
+        inner: hardest[inner](given)
         for name, given in values.items()
         for side, inner, *_ in [found(name)]
-        if side == 'plant_simulator' and inner in TIGHTEST
+        if side == 'plant_simulator' and inner in hardest
     }
-    build(type(axis), axis.flat() | tightest)
+    build(type(plant), plant.flat() | tightest)
 
 
 def varied(study: SweepConfig, rows: range) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from impulse_control_ros.core.impulse import ControlGains
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.parameter import build, declared, parameter, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.protocol import ENDLESS

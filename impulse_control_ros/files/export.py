@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError

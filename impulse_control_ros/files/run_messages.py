@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from impulse_control_ros.core.impulse import GUARDS, NO_IMPULSE
+from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (

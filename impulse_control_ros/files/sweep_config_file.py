@@ -20,8 +20,8 @@ from typing import Any
 
 from impulse_control_ros import __version__
 import impulse_control_ros.core
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.distributions import distribution_of
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import build, KIND, Parameters, refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import described, Extent, SweepConfig

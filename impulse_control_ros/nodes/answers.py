@@ -7,7 +7,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from impulse_control_ros.core.impulse import GUARDS, NO_IMPULSE
+from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader
 from impulse_control_ros.files.cdr import COMMANDED, FIELDS
 from impulse_control_ros.files.parameter_event import encode_parameter_event

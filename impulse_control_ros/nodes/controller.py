@@ -20,8 +20,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.command_line import StopRequest
+from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
-from impulse_control_ros.core.impulse import NO_IMPULSE
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter

@@ -28,7 +28,7 @@ from impulse_control_ros.core.protocol import (
     Verdict,
 )
 from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
-from impulse_control_ros.core.simulated_axis import SimulatedAxis
+from impulse_control_ros.core.simulated_plant import SimulatedPlant
 from impulse_control_ros.core.tick import nanoseconds, SampleClock
 from impulse_control_ros.core.wall_clock_pacer import WallClockPacer
 from impulse_control_ros.errors import DivergedError, UnreadableError
@@ -58,7 +58,7 @@ class PlantSimulator(ParameterNode):
         self.clock = SampleClock(
             parameters.start_ns(time_ns()), nanoseconds(parameters.time_step, 'time_step')
         )
-        self.axis = SimulatedAxis(parameters)
+        self.axis = SimulatedPlant(parameters)
         self.outputs = PlantOutputs(self, parameters.joint_name)
         self.arbiter = CommandArbiter(self.run, parameters.lockstep, monotonic())
         self.recorders = RecorderFlowControl(self.clock, parameters.lockstep)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.tick import seconds
 
 SHOWN = 5

@@ -10,7 +10,7 @@ from time import monotonic
 from typing import TypeVar
 
 from impulse_control_ros.command_line import ended, Parser, simulated_time, StopRequest
-from impulse_control_ros.core.blocks import blocks_of
+from impulse_control_ros.core.closed_loop import blocks_of
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.protocol import new_id, new_run, NodeHeader, StateHeader
 from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks

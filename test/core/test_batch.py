@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from impulse_control_ros.core.batch import (
-    columns,
     damping_seeds,
-    packed_rows,
-    row,
+    LANES,
+    loaded,
+    run_blocks,
     simulate_batch,
 )
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import ControlGains
-from impulse_control_ros.core.lanes import LANES, loaded, run_blocks
 from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.varied import columns, packed_rows, row
 from impulse_control_ros.errors import DivergedError, ParameterError
 
 AXIS, CONTROLLER = Plant(F_c=1.0), ControlGains()
@@ -71,9 +71,9 @@ def test_the_figures_of_a_run_are_those_of_its_simulation_to_the_last_bit(runs, 
 def test_the_state_of_a_lane_is_that_of_its_simulation_at_every_step(steps):
     varied = assorted(2 * LANES)
     rows = packed_rows(AXIS, CONTROLLER, *columns(varied), 2 * LANES)
-    blocks = loaded(*rows)
+    blocks = loaded(rows)
     run_blocks(blocks, steps, np.array(TOLERANCES), np.zeros((2, 3, LANES)))
-    states = [blocks['now'][name].ravel() for name in ('position', 'velocity', 'effort')]
+    states = [blocks[name].ravel() for name in ('position', 'velocity', 'effort')]
     for i in range(2 * LANES):
         run = simulate(*row(AXIS, CONTROLLER, varied, i), steps * AXIS.time_step)
         last = [values[-1] for values in (run.position, run.velocity, run.effort)]

@@ -4,13 +4,13 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.damping import Damping, damping_at, sine, white
+from impulse_control_ros.core.damping import Damping, damping_at, packed_damping, sine, white
 
 STEP = 1e-4
 
 
 def profile(damping, count):
-    packed, noise = damping.packed(STEP)[0], 0.0
+    packed, noise = packed_damping(damping.flat(), STEP, 1)[0], 0.0
     values = np.empty(count)
     for tick in range(count):
         values[tick], noise = damping_at(packed, noise, tick)

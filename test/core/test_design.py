@@ -7,6 +7,13 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import (
+    impulse_area,
+    POSITION_ZERO,
+    STICKING,
+    VELOCITY_ZERO,
+)
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.design import (
     alpha_bounds,
@@ -22,13 +29,6 @@ from impulse_control_ros.core.design import (
     sampled_floor,
 )
 from impulse_control_ros.core.hybrid import Reading, solve
-from impulse_control_ros.core.impulse import (
-    ControlGains,
-    impulse_area,
-    POSITION_ZERO,
-    STICKING,
-    VELOCITY_ZERO,
-)
 from impulse_control_ros.core.nonidealities import Actuator, Payload, Sensor
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate

@@ -8,10 +8,11 @@ from mpmath import expm, findroot, matrix, mp, mpf
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.flow import first_zero, response
 from impulse_control_ros.core.hybrid import End, Reading, solve
-from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.errors import ParameterError

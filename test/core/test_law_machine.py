@@ -7,11 +7,12 @@ from hypothesis.stateful import initialize, invariant, rule, RuleBasedStateMachi
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
-from impulse_control_ros.core.impulse import (
-    ANSWER,
-    ControlGains,
-    fresh_memory,
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import (
+    COMMAND,
+    control_in_place,
+    FRESH,
+    LawState,
     NO_IMPULSE,
     POSITION_ZERO,
     STICKING,
@@ -53,8 +54,7 @@ class Law(RuleBasedStateMachine):
     def begin(self, values):
         self.values = values | {'time_step': DT, 'x_r': 0.0, 'impulses': True}
         self.set()
-        self.memory, self.watch = fresh_memory(), fresh_watch()
-        self.answer = np.zeros(1, ANSWER)
+        self.state, self.command = np.array(FRESH), np.zeros(1, COMMAND)
         self.effort, self.guard, self.area = 0.0, NO_IMPULSE, 0.0
         self.before = None
         self.owed = self.sent = 0.0
@@ -65,7 +65,7 @@ class Law(RuleBasedStateMachine):
     def set(self, **changed):
         self.values |= changed
         self.gains = ControlGains(**self.values)
-        self.packed, self.care = self.gains.packed(), packed_care(self.gains.flat(), 1)
+        self.law = self.gains.packed().view(float)
 
     @rule(x_r=signed)
     def move_the_set_point(self, x_r):
@@ -77,11 +77,9 @@ class Law(RuleBasedStateMachine):
 
     @rule(position=anywhere, velocity=st.one_of(anywhere, st.just(math.nan)))
     def sample(self, position, velocity):
-        waiting = float(self.memory['pending'][0])
-        control_carefully(
-            self.memory, self.watch, self.packed, self.care, position, velocity, self.answer
-        )
-        self.effort, self.area, self.guard, taken = self.answer.item()
+        waiting = LawState(*self.state).pending
+        control_in_place(self.state, self.law, position, velocity, self.command)
+        self.effort, self.area, self.guard, taken = self.command.item()
         gains = self.gains
         if gains.velocity_source == 'measured' and not math.isnan(velocity):
             assert taken == velocity
@@ -162,12 +160,12 @@ class Law(RuleBasedStateMachine):
         assert math.isfinite(self.effort)
         if self.gains.effort_limit:
             assert abs(self.effort) <= self.gains.effort_limit
-        assert all(math.isfinite(value) for value in self.memory.item())
+        assert all(math.isfinite(value) for value in self.state)
 
     @invariant()
     def what_is_owed_leaves_or_waits(self):
         if hasattr(self, 'gains'):
-            waits = float(self.memory['pending'][0])
+            waits = LawState(*self.state).pending
             assert self.owed == pytest.approx(self.sent + waits, abs=1e-6 * self.scale)
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.impulse import ControlGains, GUARDS
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metrics import (
     COUNTS,
     figures,

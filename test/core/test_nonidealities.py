@@ -8,14 +8,14 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.batch import row, simulate_batch
+from impulse_control_ros.core.batch import simulate_batch
+from impulse_control_ros.core.closed_loop import ClosedLoop, empty_trace, Trace
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.hybrid import solve
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.nonidealities import (
     Actuator,
-    at_rest,
     Disturbance,
     normal,
     OFF,
@@ -26,9 +26,11 @@ from impulse_control_ros.core.nonidealities import (
 )
 from impulse_control_ros.core.parameter import build
 from impulse_control_ros.core.plant import Plant
-from impulse_control_ros.core.plant_step import plant_step, put_to_start
-from impulse_control_ros.core.simulate import made_ideally, made_really, simulate
+from impulse_control_ros.core.plant_step import PlantState
+from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.simulated_plant import SimulatedPlant
 from impulse_control_ros.core.stribeck import Stribeck
+from impulse_control_ros.core.varied import row
 from impulse_control_ros.errors import ParameterError
 
 STEP, M, D = 1e-4, 0.1, 0.15
@@ -66,13 +68,12 @@ EVERYTHING = Plant(
     ids=str,
 )
 def test_with_all_off_the_real_plant_makes_the_bits_of_the_ideal_one(axis, controller):
-    (ideal, fired), (real, fired_too) = (
-        made(axis, controller, 3000) for made in (made_ideally, made_really)
-    )
-    assert {name: values.tobytes() for name, values in ideal.items()} == {
-        name: values.tobytes() for name, values in real.items()
-    }
-    assert np.array_equal(fired, fired_too)
+    traces = [empty_trace(3001, ideal) for ideal in (True, False)]
+    for trace, ideal in zip(traces, (True, False), strict=True):
+        ClosedLoop(axis, controller, ideal).fill(trace)
+    for name, signal, too in zip(Trace._fields, *traces, strict=True):
+        shifted = 1 if name == 'applied' else 0  # an ideal plant applies what is commanded
+        assert signal[: 3001 - shifted].tobytes() == too[shifted:].tobytes(), name
 
 
 def test_an_axis_is_ideal_until_one_of_its_parts_acts():
@@ -212,13 +213,13 @@ def test_a_sinusoidal_and_a_noisy_force_have_their_amplitude():
 
 def noisy_force(axis, reset_at, samples=4000):
     """Return the force [N] on each sample of a heavy axis that is reset once."""
-    state, hidden, forces = axis.start(), at_rest(), []
+    plant, forces = SimulatedPlant(axis), []
     for k in range(samples):
         if k == reset_at:
-            hidden = put_to_start(axis, state)
-        before = float(state['velocity'][0])
-        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
-        forces.append((float(state['velocity'][0]) - before) * axis.m / STEP)
+            plant.reset()
+        before = PlantState(*plant.state()).velocity
+        plant.step(0.0)
+        forces.append((PlantState(*plant.state()).velocity - before) * axis.m / STEP)
     return np.array(forces)
 
 
@@ -289,13 +290,14 @@ def test_a_velocity_by_difference_has_the_noise_of_the_velocity_too():
 
 def test_a_reset_empties_the_actuator_of_what_is_on_its_way():
     axis = Plant(F_c=0.0, x_0=0.0, v_0=0.0, actuator=Actuator(delay=3, time_constant=1e-3))
-    state, hidden = axis.start(), at_rest()
+    plant = SimulatedPlant(axis)
     for _ in range(20):
-        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 5.0)
-    hidden = put_to_start(axis, state)
+        plant.step(5.0)
+    plant.reset()
     for _ in range(20):
-        plant_step(*axis.packed(), axis.packed_hardware(), state, hidden, 0.0)
-        assert state['effort'][0] == state['position'][0] == 0.0
+        plant.step(0.0)
+        state = PlantState(*plant.state())
+        assert state.effort == state.position == 0.0
 
 
 def test_a_batch_of_real_axes_is_their_simulation_to_the_last_bit():

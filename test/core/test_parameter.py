@@ -4,8 +4,8 @@ from dataclasses import FrozenInstanceError
 
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import build, declared, RENAMED
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.errors import ParameterError

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import ControlGains, POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import first_position_zero, overshoot, settling_time
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate

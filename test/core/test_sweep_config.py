@@ -7,9 +7,9 @@ import pytest
 
 from impulse_control_ros.core import sweep_config as module
 from impulse_control_ros.core.batch import simulate_batch
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.distributions import Distribution, distribution_of
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import (
     described,

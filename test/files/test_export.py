@@ -7,7 +7,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_parquet, UNITS

@@ -5,8 +5,8 @@ import re
 import pytest
 import yaml
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.distributions import Distribution, DISTRIBUTIONS
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.sweep_config_file import difference, identity, read_study

@@ -7,7 +7,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from impulse_control_ros import __version__
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader, StateHeader
 from impulse_control_ros.core.replay import run_again, spans
 from impulse_control_ros.core.simulate import simulate

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metric_catalogue import METRICS
 from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate

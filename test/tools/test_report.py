@@ -13,7 +13,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.tools.analyze.packing import on_grid
 from test.command_lines import status_of

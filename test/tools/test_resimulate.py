@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from impulse_control_ros.core.impulse import POSITION_ZERO
+from impulse_control_ros.core.control_law import POSITION_ZERO
 from impulse_control_ros.core.replay import Piece
 from impulse_control_ros.files.cdr import JointStateLayout
 from test.command_lines import status_of

@@ -16,8 +16,8 @@ from rosbags.rosbag2 import Reader
 import yaml
 
 from impulse_control_ros import __version__
-from impulse_control_ros.core import blocks
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core import closed_loop
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.errors import DivergedError
@@ -331,7 +331,7 @@ def test_ctrl_c_leaves_a_finished_bag_with_all_up_to_then(tmp_path, start):
     assert process.interrupt() == 1
     recording = read_bag(bag)
     assert recording.unread is None
-    assert len(recording.states) == len(recording.commands) > blocks.BLOCK
+    assert len(recording.states) == len(recording.commands) > closed_loop.BLOCK
     last = (recording.states['stamp'][-1] - recording.states['stamp'][0]) / 1e9
     assert process.output == (
         f'simulate: interrupted at {last:g} s; the bag is finished with its '
@@ -388,7 +388,7 @@ def test_progress_is_drawn_on_a_terminal(tmp_path):
 
 
 def samples_of(sizes, plant, controller, count):
-    for states, _ in blocks.blocks_of(plant, controller, count, 10**9):
+    for states, _ in closed_loop.blocks_of(plant, controller, count, 10**9):
         sizes.append(len(states))
 
 
@@ -400,7 +400,7 @@ def test_a_loop_diverges_at_the_same_sample_whatever_the_blocks(monkeypatch, siz
     plant, controller = made.plant, made.gains
     with pytest.raises(DivergedError) as expected:
         simulate(plant, controller, 2.0)
-    monkeypatch.setattr(blocks, 'BLOCK', size)
+    monkeypatch.setattr(closed_loop, 'BLOCK', size)
     sizes = []
     with pytest.raises(DivergedError) as found:
         samples_of(sizes, plant, controller, 20_001)

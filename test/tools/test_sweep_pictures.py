@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.distributions import distribution_of
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import Extent, run_chunk, SweepConfig
 from impulse_control_ros.tools.sweep_pictures import picture, save_pictures, span

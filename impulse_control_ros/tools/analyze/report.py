@@ -9,7 +9,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from impulse_control_ros import __version__
-from impulse_control_ros.core.impulse import GUARDS
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metric_catalogue import PANELS
 from impulse_control_ros.core.metrics import differs
 from impulse_control_ros.core.tick import SECOND

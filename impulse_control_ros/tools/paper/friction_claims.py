@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from impulse_control_ros.core.control_law import POSITION_ZERO
 from impulse_control_ros.core.design import dead_zone, sampled_floor
 from impulse_control_ros.core.hybrid import End, solve
-from impulse_control_ros.core.impulse import POSITION_ZERO
 from impulse_control_ros.tools.paper.claim import claim, Measured
 from impulse_control_ros.tools.paper.gain_claims import TINY
 from impulse_control_ros.tools.paper.runs import Case, Runs

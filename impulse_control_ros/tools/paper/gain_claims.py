@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from impulse_control_ros.core.control_law import POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.design import critical_damping
 from impulse_control_ros.core.hybrid import End, Reading, Solution, solve
-from impulse_control_ros.core.impulse import POSITION_ZERO, VELOCITY_ZERO
 from impulse_control_ros.core.metrics import peak, settling_time
 from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.tools.paper.claim import claim, Measured

@@ -8,8 +8,8 @@ where the paper can be read in two ways it is solved exactly in both (`solve`).
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.hybrid import Reading, Solution, solve
-from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import Run, simulate
 from impulse_control_ros.files.package_share import shipped_experiment

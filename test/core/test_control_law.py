@@ -4,17 +4,15 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
-from impulse_control_ros.core.impulse import (
-    ANSWER,
-    answered,
-    ControlGains,
-    fresh,
-    fresh_memory,
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import (
+    COMMAND,
+    control_in_place,
+    control_step,
+    FRESH,
     NO_IMPULSE,
     POSITION_ZERO,
     STICKING,
-    unpacked,
     VELOCITY_ZERO,
 )
 
@@ -25,22 +23,20 @@ def answers(samples, gains=None):
     """
     Answer a sequence of (position, velocity); a third entry changes gains from there on.
 
-    Both forms of the law do, and say the same to the last bit.
+    The law without options and the one with all of them off do, and say the same to the bit.
     """
-    plain, memory, watch, answer = fresh(), fresh_memory(), fresh_watch(), np.zeros(1, ANSWER)
+    plain, state, command = FRESH, np.array(FRESH), np.zeros(1, COMMAND)
     given_answers, changes = [], [gains or ControlGains()]
     for position, velocity, *change in samples:
         changes += change
         if changes:
             gains = changes.pop()
-            packed, care = gains.packed(), packed_care(gains.flat(), 1)
-            law = unpacked(packed[0])
-        control_carefully(memory, watch, packed, care, position, velocity, answer)
-        *expected, plain = answered(plain, law, position, velocity)
-        assert np.array(answer[0].item()[:2]).tobytes() == np.array(expected[:2]).tobytes()
-        assert answer[0]['guard'] == expected[2]
-        given_answers.append(answer[0].copy())
-    return np.array(given_answers, ANSWER)
+        control_in_place(state, gains.packed().view(float), position, velocity, command)
+        expected, plain = control_step(plain, gains.values, None, position, velocity)
+        assert np.array(command[0].item()[:2]).tobytes() == np.array(expected[:2]).tobytes()
+        assert command[0]['guard'] == expected.guard
+        given_answers.append(command[0].copy())
+    return np.array(given_answers, COMMAND)
 
 
 def pd(position, velocity, x_r=0.0):

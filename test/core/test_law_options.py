@@ -6,16 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.careful import control_carefully, fresh_watch, packed_care
-from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.impulse import (
-    ANSWER,
-    ControlGains,
-    fresh_memory,
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import (
+    COMMAND,
+    control_in_place,
+    FRESH,
     POSITION_ZERO,
     STICKING,
     VELOCITY_ZERO,
 )
+from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.nonidealities import Actuator, Disturbance, Sensor
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import Run, simulate
@@ -29,14 +29,12 @@ AT_REST = 2.0  # s, from which on a run of 4 s is judged
 
 def answers(samples, gains):
     """Answer (position, velocity) or (position, velocity, x_r), nan for no velocity."""
-    memory, watch, answer, told = fresh_memory(), fresh_watch(), np.zeros(1, ANSWER), []
+    state, command, told = np.array(FRESH), np.zeros(1, COMMAND), []
     for position, velocity, *x_r in samples:
         law = replace(gains, x_r=x_r[0]) if x_r else gains
-        control_carefully(
-            memory, watch, law.packed(), packed_care(law.flat(), 1), position, velocity, answer
-        )
-        told.append(answer[0].copy())
-    return np.array(told, ANSWER)
+        control_in_place(state, law.packed().view(float), position, velocity, command)
+        told.append(command[0].copy())
+    return np.array(told, COMMAND)
 
 
 def impulses_per_second(run: Run) -> float:
@@ -350,11 +348,9 @@ def test_an_integral_goes_on_while_the_effort_is_clipped_the_other_way():
 
 
 def test_an_integral_gain_taken_away_leaves_nothing():
-    memory, watch, answer = fresh_memory(), fresh_watch(), np.zeros(1, ANSWER)
+    state, command = np.array(FRESH), np.zeros(1, COMMAND)
     for gain in (100.0, 0.0):
-        law = ControlGains(K_i=gain, impulses=False)
+        law = ControlGains(K_i=gain, impulses=False).packed().view(float)
         for _ in range(100):
-            control_carefully(
-                memory, watch, law.packed(), packed_care(law.flat(), 1), 0.02, 0.0, answer
-            )
-    assert answer['effort'][0] == -K * 0.02
+            control_in_place(state, law, 0.02, 0.0, command)
+    assert command['effort'][0] == -K * 0.02

@@ -1,0 +1,177 @@
+"""
+The closed loop of plant and control law: to the same bits as the nodes.
+
+At sample k the controller answers state k with effort k, which acts over [t_k, t_k+1).
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_law import COMMAND, control_step, FRESH
+from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.plant import DIVERGED, Plant
+from impulse_control_ros.core.plant_step import axis_of, memory_at, plant_step, start_of, STATE
+from impulse_control_ros.core.tick import nanoseconds, seconds
+from impulse_control_ros.errors import DivergedError
+
+BLOCK = 10_000  # samples
+
+
+class Trace(NamedTuple):
+    """
+    The signals of n samples, each an array of shape (n,).
+
+    ``position`` [m] and ``velocity`` [m/s] are those of the axis; ``applied`` [N] and
+    ``damping`` [N s/m] acted over the sample that led there. ``measured_position`` and
+    ``measured_velocity``, nan for none, are what the controller saw, and ``effort`` [N],
+    ``area`` [N s], ``guard`` and ``used_velocity`` its answer. Of an ideal plant and a law
+    without options the measured and used signals are the true ones, in the same arrays.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    applied: np.ndarray
+    damping: np.ndarray
+    measured_position: np.ndarray
+    measured_velocity: np.ndarray
+    effort: np.ndarray
+    area: np.ndarray
+    guard: np.ndarray
+    used_velocity: np.ndarray
+
+
+@compiled
+def close_loop(plant, hardware, state, memory, gains, options, law_state, trace, steps):
+    """
+    Fill the n samples of ``trace`` from ``state`` on; return the next states of plant and law.
+
+    ``plant`` and, unless None, ``hardware`` are arrays of shape (1,), dtypes PLANT and HARDWARE.
+    ``steps`` is n, or n - 1 if the plant is to stay at the last sample.
+    """
+    axis, profile = axis_of(plant[0]), plant[0].damping
+    real: Any = None if hardware is None else hardware[0]
+    inner: Any = None if hardware is None else memory[0]
+    for k in range(len(trace.position)):
+        trace.position[k], trace.velocity[k] = state.position, state.velocity
+        trace.damping[k] = state.damping
+        if hardware is None:
+            position, velocity = state.position, state.velocity
+        else:
+            position, velocity = inner.position, inner.velocity
+            trace.applied[k] = state.effort
+            trace.measured_position[k], trace.measured_velocity[k] = position, velocity
+        command, law_state = control_step(law_state, gains, options, position, velocity)
+        trace.effort[k], trace.area[k] = command.effort, command.area
+        trace.guard[k] = command.guard
+        if options is not None:
+            trace.used_velocity[k] = command.velocity
+        if k < steps:
+            state = plant_step(axis, profile, real, state, inner, command.effort)
+    return state, law_state
+
+
+def empty_trace(count: int, ideal: bool) -> Trace:
+    """Return a trace of ``count`` samples, of an ``ideal`` plant and a law without options."""
+    position, velocity, damping, effort, area = (np.empty(count) for _ in range(5))
+    guard = np.empty(count, np.int8)
+    if ideal:
+        applied, x, v, used = effort, position, velocity, velocity
+    else:
+        applied, x, v, used = (np.empty(count) for _ in range(4))
+    return Trace(position, velocity, applied, damping, x, v, effort, area, guard, used)
+
+
+class ClosedLoop:
+    """
+    A plant and its controller after the samples that were made; at first none.
+
+    ``ideal`` compiles the loop without hardware and without options: for an ideal plant and a
+    law without options, whose bits are the same and which do not change.
+    """
+
+    def __init__(self, plant: Plant, gains: ControlGains, ideal: bool = False) -> None:
+        self._ideal = ideal
+        self._state = start_of(plant)
+        self._memory = None if ideal else memory_at(self._state, plant)
+        self._law_state = FRESH
+        self.change(plant, gains)
+
+    def change(self, plant: Plant, gains: ControlGains) -> None:
+        """Go on with other parameters."""
+        self._plant, self._gains = plant.packed(), gains.values
+        self._hardware = None if self._ideal else plant.packed_hardware()
+        self._options = None if self._ideal else gains.options
+
+    def start(self, plant: Plant) -> None:
+        """Put ``plant`` to its start at the next sample; noise and time go on."""
+        self._state = start_of(plant, self._state._replace(tick=self._state.tick + 1))
+        self._memory = memory_at(self._state, plant)
+
+    def forget(self) -> None:
+        """Empty the memory of the controller."""
+        self._law_state = FRESH
+
+    def fill(self, trace: Trace, step_on: bool = True) -> None:
+        """Fill a trace with the next samples; without ``step_on`` the plant stays at the last."""
+        steps = len(trace.position) - (0 if step_on else 1)
+        self._state, self._law_state = close_loop(
+            self._plant,
+            self._hardware,
+            self._state,
+            self._memory,
+            self._gains,
+            self._options,
+            self._law_state,
+            trace,
+            steps,
+        )
+
+
+def first_diverged(trace: Trace) -> int | None:
+    """Return the first sample whose state leaves all bounds, None for none."""
+    x, v = trace.position, trace.velocity
+    if np.max([x.max(), -x.min(), v.max(), -v.min()]) < DIVERGED:
+        return None
+    return int(np.argmin(np.maximum(np.abs(x), np.abs(v)) < DIVERGED))
+
+
+def measured_states(trace: Trace, tick: int) -> np.ndarray:
+    """Return what is published of the states from ``tick`` on: shape (n,), dtype STATE."""
+    states = np.zeros(len(trace.position), STATE)
+    states['tick'] = tick + np.arange(len(states))
+    states['position'], states['velocity'] = trace.measured_position, trace.measured_velocity
+    states['effort'], states['damping'] = trace.applied, trace.damping
+    return states
+
+
+def commands_of(trace: Trace) -> np.ndarray:
+    """Return the answers of the controller: shape (n,), dtype COMMAND."""
+    commands = np.empty(len(trace.position), COMMAND)
+    commands['effort'], commands['area'] = trace.effort, trace.area
+    commands['guard'], commands['velocity'] = trace.guard, trace.used_velocity
+    return commands
+
+
+def blocks_of(
+    plant: Plant, gains: ControlGains, count: int, start_ns: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """
+    Yield ``count`` states, as measured, and their answers in blocks: dtypes STATE and COMMAND.
+
+    Memory does not grow with ``count``. Raises `DivergedError`, with the stamp of a run that
+    starts at ``start_ns``, after the last state within bounds.
+    """
+    loop = ClosedLoop(plant, gains)
+    for first in range(0, count, BLOCK):
+        trace = empty_trace(min(BLOCK, count - first), ideal=False)
+        loop.fill(trace)
+        end = first_diverged(trace)
+        good = Trace(*(signal[:end] for signal in trace))
+        if len(good.position):
+            yield measured_states(good, first), commands_of(good)
+        if end is not None:
+            stamp_ns = start_ns + (first + end) * nanoseconds(plant.time_step, 'time_step')
+            raise DivergedError(trace.position[end], trace.velocity[end], seconds(stamp_ns))
