@@ -15,9 +15,9 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 import numpy as np
 
-from impulse_control_ros.core.varied import found
 from impulse_control_ros.core.metric_catalogue import Metric, Quantity
 from impulse_control_ros.core.sweep_config import SweepConfig
+from impulse_control_ros.core.varied import found
 from impulse_control_ros.tools.figures import save
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown, shown_metrics
 
