@@ -12,8 +12,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import yaml
-
 from impulse_control_ros.stop import StopRequest
 from impulse_control_ros.tools.arguments import ended, RUN_HELP
 
@@ -58,7 +56,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--params',
         metavar='FILE',
         type=Path,
-        help="with --controller: this file's parameters of the controller",
+        action='append',
+        default=[],
+        help='with --controller: a parameter file, whose controller answers; may be repeated, '
+        'later ones count',
     )
     again.add_argument(
         '-p',
@@ -121,19 +122,14 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     """Return the controller's parameters of the command line; raises `ParameterError`."""
-    from impulse_control_ros.core.parameter import ParameterError
-    from impulse_control_ros.files.parameter_file import read_values
+    from impulse_control_ros.files.experiment import ControllerParameters
+    from impulse_control_ros.files.parameter_file import read_parameters
 
-    values = dict(read_values(options.params)['controller']) if options.params else {}
-    for rule in options.overrides:
-        name, given, value = rule.partition(':=')
-        if not given:
-            raise ParameterError(f'-p {rule}: must be NAME:=VALUE')
-        try:
-            values[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise ParameterError(f'-p {rule}: must be a value in YAML') from None
-    return values
+    given = read_parameters(
+        {'controller': ControllerParameters}, options.params, options.overrides
+    )['controller']
+    # what an experiment does not name has its default
+    return ControllerParameters().flat() | given if options.params else given
 
 
 def compared(options: argparse.Namespace) -> tuple[list[str], bool]:

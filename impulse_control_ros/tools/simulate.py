@@ -19,7 +19,6 @@ from impulse_control_ros.files.experiment import Experiment, PlantParameters
 from impulse_control_ros.files.mcap_reader import BagError
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.parameter_file import read_experiment
-from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.run_messages import RunMessages
 from impulse_control_ros.files.topics import (
     DAMPING,
@@ -79,9 +78,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """
     try:
         options = parse(arguments)
-        experiment = read_experiment(
-            *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
-        )
+        experiment = read_experiment(*options.configs, rules=options.rules)
         require_end(experiment.plant_simulator)
         require_definitions([*SERIES.values(), FLOAT64])
         writer = BagWriter(options.bag, experiment.recorder.compression)

@@ -9,7 +9,7 @@ from impulse_control_ros.core.impulse import ControlGains
 from impulse_control_ros.core.parameter import build, declared, ParameterError, RENAMED
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.files.experiment import ControllerParameters
-from impulse_control_ros.files.parameter_rules import given_by
+from impulse_control_ros.files.parameter_file import read_experiment
 
 
 @pytest.mark.parametrize(
@@ -84,5 +84,5 @@ def test_a_former_name_is_refused_with_the_present_one(old, new):
     with pytest.raises(ParameterError, match=f'{old} = 1: .*its name is now {new}$'):
         build(ControllerParameters, {old: 1})
     with pytest.raises(ParameterError, match=f'-p {old}:=1: .*its name is now {new}$'):
-        given_by(f'{old}:=1')
+        read_experiment(rules=[f'{old}:=1'])
     assert new in ControllerParameters().flat()

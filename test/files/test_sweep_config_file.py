@@ -102,7 +102,7 @@ def test_a_file_that_is_no_mapping_is_refused_in_one_line(tmp_path, text):
 
 def test_a_wrong_experiment_is_named(tmp_path):
     (tmp_path / 'wrong.yaml').write_text('controller:\n  ros__parameters: {K: ten}\n')
-    with pytest.raises(ParameterError, match=r"wrong\.yaml: controller: invalid K = 'ten'"):
+    with pytest.raises(ParameterError, match=r"wrong\.yaml: /controller: invalid K = 'ten'"):
         read(tmp_path, GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'wrong.yaml'))
 
 

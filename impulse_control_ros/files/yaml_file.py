@@ -1,0 +1,63 @@
+"""YAML as ROS reads it."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+import re
+from typing import Any
+
+import yaml
+
+from impulse_control_ros.core.parameter import ParameterError
+
+
+class _Loader(yaml.SafeLoader):
+    """A safe loader: 1e-4 is a number, which YAML 1.1 calls a string; a key stands once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping, or raise `YAMLError` for a key that stands twice."""
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.YAMLError(
+                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}'
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
+    list('-+0123456789'),
+)
+
+
+def parsed(text: str) -> Any:
+    """Return the value of a YAML text; raises `YAMLError`."""
+    return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
+
+
+def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return nested mappings as one with dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flattened(value, f'{prefix}{name}.')
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat
+
+
+def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
+    """
+    Return what a YAML file holds: a mapping of ``keys``, which are not checked.
+
+    Raises `ParameterError` when the file cannot be read or is no mapping.
+    """
+    try:
+        content = parsed(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
+    if not isinstance(content, Mapping):
+        raise ParameterError(f'{path}: {content!r}: must be a mapping of {", ".join(keys)}')
+    return content
