@@ -126,14 +126,11 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
 
 def rule_section(rule: str, namespace: str = '') -> Section:
     """Return what a rule [NODE:]NAME:=VALUE gives, to any node if it names none."""
-    found = RULE.fullmatch(rule)
     try:
-        value = parsed(found[3]) if found else None
-    except YAMLError:
-        found = None
-    if found is None:
-        raise ParameterError(f'-p {rule}: must be [NODE:]NAME:=VALUE')
-    node, name = found[1], found[2]
+        node, name, value = RULE.fullmatch(rule).groups()  # type: ignore[union-attr]
+        value = parsed(value)
+    except (AttributeError, YAMLError):
+        raise ParameterError(f'-p {rule}: must be [NODE:]NAME:=VALUE') from None
     return Section(
         source=f'-p {rule}',
         key=f'{namespace}/{node}' if node else '/**',
@@ -189,8 +186,12 @@ def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -
         some = list(group)
         matched = {name for name in nodes if any(one.matches(name) for one in some)}
         named = {one.node for one in some}
+        # a file may be for others of our nodes alone
+        for_others = matched or (named & NODES.keys() and not some[0].is_rule)
         missed = [
-            name for name in nodes if name not in matched and (not matched or base(name) in named)
+            name
+            for name in nodes
+            if name not in matched and (base(name) in named or not for_others)
         ]
         if missed:
             yield (
@@ -203,9 +204,9 @@ def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -
 
 def require_known_nodes(sections: Iterable[Section], names: Iterable[str] = ()) -> None:
     """Raise `ParameterError` for a section of a node that is neither one of ours nor ``names``."""
-    known = (*NODES, *map(base, names))
+    known = {*ANY, *NODES, *map(base, names)}
     for section in sections:
-        if section.node not in (*ANY, *known):
+        if section.node not in known:
             raise ParameterError(
                 f'{section.source}: invalid node {section.node!r}: must be {", ".join(NODES)}'
             )

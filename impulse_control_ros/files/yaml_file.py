@@ -11,7 +11,7 @@ from impulse_control_ros.core.parameter import ParameterError
 
 
 class _Loader(yaml.SafeLoader):
-    """A safe loader: 1e-4 is a number, which YAML 1.1 calls a string; a key stands once."""
+    """YAML with the scalars of rcl, where 1e-4 is a number and a date is a string."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping, or raise `YAMLError` for a key that stands twice."""
@@ -25,11 +25,16 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
-    list('-+0123456789'),
-)
+_Loader.bool_values = {**_Loader.bool_values, 'y': True, 'n': False}
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern in (
+    ('bool', r'[yYnN]|yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF'),
+    ('int', r'[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)'),
+    ('float', r'[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|\.?(?i:inf(inity)?|nan))'),
+):
+    _Loader.add_implicit_resolver(
+        f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), None
+    )
 
 
 def parsed(text: str) -> Any:

@@ -26,6 +26,12 @@ TEXTS = {
 }
 
 
+SCALARS = """
+1 -2 +3 010 0x1f 08 1_000 1.5 -1. .5 1e-4 +2.E3 1e 1:30 .inf -.Inf inf .nan ~ null y No on TRUE tRUE
+2024-01-01 2024_01_01 '1' =
+"""
+
+
 @pytest.fixture
 def files(tmp_path):
     """Return a function from texts by name to the paths of their files."""
@@ -84,6 +90,13 @@ def test_a_node_gets_what_rcl_gives_it(files, given_by_rcl, names, rules, namesp
     known = ControllerParameters().flat()
     ours = merged(command_line_sections(arguments), name, ControllerParameters)
     assert ours == {name: value for name, value in values.items() if name in known}
+
+
+@pytest.mark.parametrize('text', SCALARS.split())
+def test_a_value_has_the_type_that_rcl_gives_it(given_by_rcl, text):
+    values, _ = given_by_rcl(['--ros-args', '-p', f'x:={text}'])
+    found = next(command_line_sections(['-p', f'x:={text}'])).values['x']
+    assert (type(found), str(found)) == (type(values['x']), str(values['x']))
 
 
 @pytest.mark.parametrize(
@@ -166,10 +179,44 @@ def test_a_wrong_rule_is_refused_by_its_text(rule):
     assert f'-p {rule}' in str(refused.value)
 
 
-def test_a_rule_that_no_node_of_the_process_has_is_named():
-    sections = list(command_line_sections(['-p', 'F_c:=1.0', '--param', 'use_sim_time:=true']))
-    alone = {'/controller': ControllerParameters}
-    assert list(unused(sections, alone)) == [
-        '-p F_c:=1.0: there is no such parameter of /controller'
-    ]
-    assert not list(unused(sections, {f'/{name}': kind for name, kind in NODES.items()}))
+ALONE = {'/arm/controller': ControllerParameters}
+ALL = {f'/arm/{name}': kind for name, kind in NODES.items()}
+MISSED = '/**/NAME is a node in any namespace'
+
+
+@pytest.mark.parametrize(
+    ('name', 'nodes', 'said'),
+    [
+        ('named', ALONE, f'/controller matches none of /arm/controller; in a file, {MISSED}'),
+        ('named', ALL, f'/controller matches none of /arm/controller; in a file, {MISSED}'),
+        ('nested', ALL, ''),
+        ('plant', ALONE, ''),
+        ('typo', ALONE, f'/**/contoller matches none of /arm/controller; in a file, {MISSED}'),
+    ],
+)
+def test_a_file_that_misses_the_nodes_is_named(files, name, nodes, said):
+    written = files(
+        'named',
+        'nested',
+        **{
+            'plant': '/**/plant_simulator:\n  ros__parameters: {F_c: 0.0}\n',
+            'typo': '/**/contoller:\n  ros__parameters: {K: 1.0}\n',
+        },
+    )
+    path = next(path for path in written if path.stem == name)
+    sections = list(command_line_sections(['--params-file', str(path)]))
+    assert list(unused(sections, nodes)) == [f'{path}: {said}'] * bool(said)
+
+
+@pytest.mark.parametrize(
+    ('rule', 'nodes', 'said'),
+    [
+        ('F_c:=1.0', ALONE, 'there is no such parameter of /arm/controller'),
+        ('F_c:=1.0', ALL, ''),
+        ('use_sim_time:=true', ALONE, ''),
+        ('recorder:bag:=a', ALONE, '/recorder matches none of /arm/controller'),
+    ],
+)
+def test_a_rule_that_no_node_of_the_process_takes_is_named(rule, nodes, said):
+    found = list(unused(list(command_line_sections(['--param', rule])), nodes))
+    assert [one.split(';')[0] for one in found] == [f'-p {rule}: {said}'] * bool(said)
