@@ -168,7 +168,11 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     lacks = f' of the bag is the same, to the bit; {absent} commands are not in it'
     return [
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
-        *(f'with {name} = {value!r}' for name, value in overrides.items()),
+        *(
+            f'with {name} = {value!r}'
+            for name, value in overrides.items()
+            if any(change.values.get(name) != value for change in recording.controllers)
+        ),
         *lines_of(found),
         'it differs'
         if not identical

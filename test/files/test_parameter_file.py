@@ -27,8 +27,8 @@ TEXTS = {
 
 
 SCALARS = """
-1 -2 +3 010 0x1f 08 1_000 1.5 -1. .5 1e-4 +2.E3 1e 1:30 .inf -.Inf inf .nan ~ null y No on TRUE tRUE
-2024-01-01 2024_01_01 '1' =
+1 -2 +3 010 0x1f 08 1_000 1.5 -1. .5 1e-4 +2.E3 1e 1:30 .inf -.Inf inf .nan ~ null y No on TRUE
+tRUE 2024-01-01 2024_01_01 '1' =
 """
 
 
