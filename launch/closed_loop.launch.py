@@ -1,7 +1,7 @@
-"""Start plant, controller and recorder as three processes from one parameter file."""
+"""Start plant, controller and recorder as three processes from parameter files."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -11,18 +11,9 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = 'impulse_control_ros'
 
 
-def generate_launch_description():
+def processes(context):
     """Return the three nodes; the end of the plant ends all."""
-    config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'underdamped.yaml'])
-    arguments = [
-        DeclareLaunchArgument(
-            'params_file', default_value=config, description='a ROS parameter file'
-        ),
-        DeclareLaunchArgument(
-            'bag', default_value='', description='folder to create; empty: impulse_<date and time>'
-        ),
-    ]
-    params = LaunchConfiguration('params_file')
+    files = LaunchConfiguration('params_file').perform(context).split(',')
     bag = {'bag': LaunchConfiguration('bag')}
     nodes = [
         Node(
@@ -30,7 +21,7 @@ def generate_launch_description():
             executable=name,
             name=name,
             output='screen',
-            parameters=[params, bag] if name == 'recorder' else [params],
+            parameters=[*files, bag] if name == 'recorder' else files,
         )
         for name in ('plant_simulator', 'controller', 'recorder')
     ]
@@ -39,4 +30,24 @@ def generate_launch_description():
             target_action=nodes[0], on_exit=[EmitEvent(event=Shutdown(reason='the run is over'))]
         )
     )
-    return LaunchDescription([*arguments, *nodes, done])
+    return [*nodes, done]
+
+
+def generate_launch_description():
+    """Return the arguments and the processes."""
+    config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'underdamped.yaml'])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'params_file',
+                default_value=config,
+                description='ROS parameter files, separated by commas; later ones count',
+            ),
+            DeclareLaunchArgument(
+                'bag',
+                default_value='',
+                description='folder to create; empty: impulse_<date and time>',
+            ),
+            OpaqueFunction(function=processes),
+        ]
+    )

@@ -1,6 +1,6 @@
 """Real processes on a ROS domain of their own."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 import ctypes
 import itertools
@@ -172,20 +172,20 @@ class Graph:
         self,
         name: str,
         *arguments: object,
-        config: Path | None = None,
+        config: Path | Sequence[Path] = (),
         bin_folder: Path = BIN,
         **parameters: object,
     ) -> Process:
         """
-        Start an executable of ours, with a parameter file and ``parameters``, which count more.
+        Start an executable of ours, with parameter files and ``parameters``, which count more.
 
         Its own ``arguments`` go first; ROS arguments may follow behind --ros-args.
         """
         command = [str(bin_folder / name), *(str(item) for item in arguments)]
         if (config or parameters) and '--ros-args' not in command:
             command.append('--ros-args')
-        if config:
-            command += ['--params-file', str(config)]
+        for path in [config] if isinstance(config, Path) else config:
+            command += ['--params-file', str(path)]
         for key, value in parameters.items():
             command += ['-p', f'{key}:={as_yaml(value)}']
         log = self.folder / f'{len(self._processes)}_{name}.log'

@@ -215,9 +215,7 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     known = {name: (default, spec) for name, default, spec in declared(kind)}
     for name, value in values.items():
         if name not in known:
-            raise ParameterError(
-                f'invalid {name} = {value!r}: there is no such parameter' + meant(name, known)
-            )
+            raise unknown(name, value, known)
     right = {name: converted(name, value, *known[name]) for name, value in values.items()}
     inner = {}
     for item in fields(kind):
@@ -232,6 +230,13 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
                 },
             )
     return kind(**right, **inner)
+
+
+def unknown(name: str, value: Any, known: Iterable[str]) -> ParameterError:
+    """Make the error for a ``name`` that is none of the ``known``."""
+    return ParameterError(
+        f'invalid {name} = {value!r}: there is no such parameter' + meant(name, known)
+    )
 
 
 def meant(name: str, known: Iterable[str]) -> str:

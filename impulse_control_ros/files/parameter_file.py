@@ -1,79 +1,107 @@
-"""ROS parameter files: the experiment that they hold, as the nodes would read them."""
+"""
+ROS parameter files and ``-p`` rules, and what each node gets of them.
+
+rcl merges them by the key of their node: the last value of a key counts, and of several keys that
+match a node (``controller``, ``/**/controller``, ``/**``) the one that appeared last. So a value
+can lose to an earlier one of another key. rcl does not say so; here it is refused.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 import re
 from typing import Any
 
-import yaml
+from yaml import YAMLError
 
-from impulse_control_ros.core.parameter import build
+from impulse_control_ros.core.parameter import build, converted, declared, Parameters, unknown
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.files.experiment import (
-    Experiment,
-    is_foreign,
-    NODES,
-    require_agreement,
-)
+from impulse_control_ros.files.experiment import Experiment, is_foreign, NODES, require_agreement
+from impulse_control_ros.files.yaml_file import flattened, parsed, read_mapping
+
+RULE = re.compile(r'(?:(\w+):)?([^:=]+):=(.+)', re.DOTALL)
+ANY = ('*', '**')
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-4 is a number, which YAML 1.1 calls a string. A key stands once."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping, or raise `YAMLError` for a key that stands twice."""
-        seen = set()
-        for key, _ in node.value:
-            if key.value in seen:
-                raise yaml.YAMLError(
-                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}'
-                )
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$'),
-    list('-+0123456789'),
-)
-
-
-def parsed(text: str) -> Any:
-    """Return the value of a YAML text; raises `YAMLError`."""
-    return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
-
-
-def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Return nested mappings as one with dotted names."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= flattened(value, f'{prefix}{name}.')
-        else:
-            flat[f'{prefix}{name}'] = value
-    return flat
-
-
-def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Section:
     """
-    Return what a YAML file holds: a mapping of ``keys``, which are not checked.
+    The values that a ``source``, a file or a rule, gives to the nodes that ``key`` matches.
 
-    Raises `ParameterError` when the file cannot be read or is no mapping.
+    ``key`` begins with a slash, as the full name of a node does; ``values`` are by full name.
     """
-    try:
-        content = parsed(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
-    if not isinstance(content, Mapping):
-        raise ParameterError(f'{path}: {content!r}: must be a mapping of {", ".join(keys)}')
-    return content
+
+    source: str
+    key: str
+    values: Mapping[str, Any]
+
+    @property
+    def node(self) -> str:
+        """The name of the node, without its namespace; a wildcard for any."""
+        return base(self.key)
+
+    @property
+    def is_rule(self) -> bool:
+        """Whether it is of the command line."""
+        return self.source.startswith('-p ')
+
+    @property
+    def where(self) -> str:
+        """The place that an error names."""
+        return self.source if self.is_rule else f'{self.source}: {self.key}'
+
+    def matches(self, name: str) -> bool:
+        """Tell whether it is for the node of full ``name``."""
+        pattern = re.escape(self.key).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
+        return re.fullmatch(pattern, name) is not None
+
+    def values_for(self, kind: type[Parameters]) -> dict[str, Any]:
+        """
+        Return the values for a node with the parameters of ``kind``.
+
+        Under a wildcard, parameters that only other nodes have are left out. Raises
+        `ParameterError` for any other name, a wrong type and a value out of its bounds.
+        """
+        known = {name: (default, spec) for name, default, spec in declared(kind)}
+        others = NAMES if self.node in ANY else ()
+        try:
+            for name, value in self.values.items():
+                if name in known:
+                    converted(name, value, *known[name])
+                elif name not in others:
+                    raise unknown(name, value, {*known, *others})
+        except ParameterError as error:
+            raise ParameterError(f'{self.where}: {error}') from None
+        return {name: value for name, value in self.values.items() if name in known}
 
 
-def sections(path: str | Path) -> Mapping[str, Any]:
-    """Return the sections of a ROS parameter file by the name of the node, as it is written."""
-    return dict(_nested_sections(read_mapping(path, NODES)))
+def names_of(*kinds: type[Parameters]) -> set[str]:
+    """Return the names of the parameters of any of ``kinds``."""
+    return {name for kind in kinds for name, _, _ in declared(kind)}
+
+
+NAMES = names_of(*NODES.values())
+
+
+def base(name: str) -> str:
+    """Return the name of a node without its namespace."""
+    return name.rsplit('/', 1)[-1]
+
+
+def read_sections(path: str | Path) -> Iterator[Section]:
+    """Yield the sections of a ROS parameter file; raises `ParameterError`."""
+    for name, section in _nested_sections(read_mapping(path, NODES)):
+        try:
+            values = flattened(section['ros__parameters'])
+        except (KeyError, TypeError, AttributeError):
+            raise ParameterError(f'{path}: {name} has no ros__parameters') from None
+        yield Section(
+            source=str(path),
+            key='/' + name.lstrip('/'),
+            values={name: value for name, value in values.items() if not is_foreign(name)},
+        )
 
 
 def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
@@ -90,75 +118,136 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
             yield name, section
 
 
-# the key of a node, one of the nodes that it is for, and its parameters
-Given = tuple[str, str, dict[str, Any]]
+def rule_section(rule: str, namespace: str = '') -> Section:
+    """Return what a rule [NODE:]NAME:=VALUE gives, to any node if it names none."""
+    try:
+        node, name, value = RULE.fullmatch(rule).groups()  # type: ignore[union-attr]
+        value = parsed(value)
+    except (AttributeError, YAMLError):
+        raise ParameterError(f'-p {rule}: must be [NODE:]NAME:=VALUE') from None
+    return Section(
+        source=f'-p {rule}',
+        key=f'{namespace}/{node}' if node else '/**',
+        values={} if is_foreign(name) else {name: value},
+    )
 
 
-def _given_in(path: str | Path) -> Iterator[Given]:
-    """Yield (key, node, parameters) of a ROS parameter file."""
-    for name, section in sections(path).items():
-        last = name.rsplit('/', 1)[-1]
-        meant = list(NODES) if last in ('*', '**') else [last]
-        if not set(meant) <= set(NODES):
-            raise ParameterError(f'{path}: invalid node {name!r}: must be {", ".join(NODES)}')
-        try:
-            given = flattened(section['ros__parameters'])
-        except (KeyError, TypeError, AttributeError):
-            raise ParameterError(f'{path}: {name} has no ros__parameters') from None
-        for node in meant:
+def command_line_sections(arguments: Sequence[str]) -> Iterator[Section]:
+    """Yield the sections of the parameter files and rules on a ROS command line."""
+    for flag, value in zip(arguments, arguments[1:], strict=False):
+        if flag == '--params-file':
+            yield from read_sections(value)
+        elif flag in ('-p', '--param'):
+            yield rule_section(value)
+
+
+def merged(sections: Iterable[Section], name: str, kind: type[Parameters]) -> dict[str, Any]:
+    """
+    Return the values that rcl gives to the node of full ``name``.
+
+    Raises `ParameterError` for what the node does not take, and where rcl does not take the last
+    value of a parameter.
+    """
+    keys: dict[str, dict[str, Any]] = {}
+    last: dict[str, Section] = {}
+    for section in sections:
+        if section.matches(name):
+            values = keys.setdefault(section.key, {})
+            for parameter, value in section.values_for(kind).items():
+                values[parameter] = _kept(values.get(parameter), value)
+                last[parameter] = section
+    taken = {parameter: key for key, values in keys.items() for parameter in values}
+    given = {parameter: keys[key][parameter] for parameter, key in taken.items()}
+    for parameter, section in last.items():
+        if given[parameter] != section.values[parameter]:
+            raise ParameterError(
+                f'{section.where}: {parameter} = {section.values[parameter]!r} has no effect: '
+                f'rcl takes the earlier {given[parameter]!r} of {taken[parameter]}'
+            )
+    return given
+
+
+def _kept(before: Any, value: Any) -> Any:
+    """Return what rcl takes: an integer rather than a float, a list rather than an empty one."""
+    dropped = (type(before) is int and type(value) is float) or (before and value == [])
+    return before if dropped else value
+
+
+def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -> Iterator[str]:
+    """Yield what to say of sections that give nothing to the ``nodes``, by full name."""
+    known = names_of(*nodes.values())
+    for source, group in groupby(sections, attrgetter('source')):
+        some = list(group)
+        matched = {name for name in nodes if any(one.matches(name) for one in some)}
+        named = {one.node for one in some}
+        # a file may be for others of our nodes alone
+        for_others = matched or (named & NODES.keys() and not some[0].is_rule)
+        missed = [
+            name
+            for name in nodes
+            if name not in matched and (base(name) in named or not for_others)
+        ]
+        if missed:
             yield (
-                '/' + name.lstrip('/'),
-                node,
-                {key: value for key, value in given.items() if not is_foreign(key)},
+                f'{source}: {", ".join(one.key for one in some)} matches none of '
+                f'{", ".join(missed)}; in a file, /**/NAME is a node in any namespace'
+            )
+        elif some[0].is_rule and some[0].node in ANY and not some[0].values.keys() <= known:
+            yield f'{source}: there is no such parameter of {", ".join(nodes)}'
+
+
+def require_known_nodes(sections: Iterable[Section], names: Iterable[str] = ()) -> None:
+    """Raise `ParameterError` for a section of a node that is neither one of ours nor ``names``."""
+    known = {*ANY, *NODES, *map(base, names)}
+    for section in sections:
+        if section.node not in known:
+            raise ParameterError(
+                f'{section.source}: invalid node {section.node!r}: must be {", ".join(NODES)}'
             )
 
 
-def _merged(given: Iterable[Given]) -> dict[str, dict[str, Any]]:
+def read_parameters(
+    nodes: Mapping[str, type[Parameters]], paths: Iterable[str | Path], rules: Iterable[str]
+) -> dict[str, dict[str, Any]]:
     """
-    Return the parameters of each node.
+    Return what parameter files, and then rules, give to each of the ``nodes`` by its name.
 
-    As in ROS the last value for a key counts, and of several keys for a node the one that came
-    last: a value for ``/**/controller`` does not replace an earlier one for ``controller``.
+    The nodes are in the one namespace that the files name. Raises `ParameterError` for what cannot
+    be read and for what no node takes; the message names the file, the parameter and its value.
     """
-    keys: dict[str, dict[str, dict[str, Any]]] = {}
-    for key, node, parameters in given:
-        keys.setdefault(key, {}).setdefault(node, {}).update(parameters)
-    values: dict[str, dict[str, Any]] = {node: {} for node in NODES}
-    for nodes in keys.values():
-        for node, parameters in nodes.items():
-            values[node] |= parameters
+    sections = [section for path in paths for section in read_sections(path)]
+    namespaces = {one.key.rpartition('/')[0] for one in sections if '*' not in one.key} or {''}
+    if len(namespaces) > 1:
+        raise ParameterError(
+            f'{", ".join(map(str, paths))}: nodes in the namespaces '
+            f'{", ".join(name or "/" for name in sorted(namespaces))}: must be one'
+        )
+    namespace = namespaces.pop()
+    sections += [rule_section(rule, namespace) for rule in rules]
+    require_known_nodes(sections)
+    full = {f'{namespace}/{node}': kind for node, kind in nodes.items()}
+    values = {base(name): merged(sections, name, kind) for name, kind in full.items()}
+    for what in unused(sections, full):
+        raise ParameterError(what)
     return values
 
 
-def read_values(path: str | Path) -> dict[str, dict[str, Any]]:
+def load_experiment(*paths: str | Path, rules: Sequence[str] = ()) -> Experiment:
     """
-    Return what a ROS parameter file names, by the default name of the node and the parameter.
+    Read the parameters of the three nodes: defaults, then files, then ``rules`` as of ``-p``.
 
-    Raises `ParameterError` when the file cannot be read or names an unknown node.
+    Raises `ParameterError` as `read_parameters` does, and for values that do not fit together.
     """
-    return _merged(_given_in(path))
-
-
-def load_experiment(*paths: str | Path, besides: Sequence[Given] = ()) -> Experiment:
-    """
-    Read ROS parameter files for the three nodes by their default names, in any namespace.
-
-    Later files count, and after them what is given ``besides``, by ``-p``. Raises
-    `ParameterError` when a file cannot be read, names an unknown node or parameter, or holds a
-    wrong value; the message names the files, the node, the parameter and its value.
-    """
-    values = _merged(chain(*map(_given_in, paths), besides))
-    source = ', '.join([*map(str, paths), *['-p'] * bool(besides)])
-    plant, gains, recorder = (_built(source, node, values[node]) for node in NODES)
+    given = read_parameters(NODES, paths, rules)
+    source = ', '.join([*map(str, paths), *(f'-p {rule}' for rule in rules)])
+    node, parts = '', dict[str, Any]()
     try:
-        require_agreement('plant_simulator', plant.flat(), gains.flat())
-    except ParameterError as error:
-        raise ParameterError(f'{source}: controller: {error}') from None
-    return Experiment(plant=plant, gains=gains, recorder=recorder)
-
-
-def _built(source: str, node: str, values: Mapping[str, Any]) -> Any:
-    try:
-        return build(NODES[node], values)
+        for node, kind in NODES.items():
+            parts[node] = build(kind, given[node])
+        node = 'controller'
+        require_agreement('plant_simulator', parts['plant_simulator'].flat(), parts[node].flat())
     except ParameterError as error:
         raise ParameterError(f'{source}: {node}: {error}') from None
+    return Experiment(
+        plant=parts['plant_simulator'], gains=parts['controller'], recorder=parts['recorder']
+    )

@@ -1,7 +1,8 @@
 """
 A study's YAML file, and what makes two studies the same.
 
-    experiment: ../config/coulomb.yaml      an experiment, beside the study or installed
+    experiment: ../config/coulomb.yaml      an experiment, beside the study or installed, or a
+                                            list of files, of which later ones count
     duration: 1.0                           s, of a run; that of the experiment if not given
     seed: 1                                 of all draws
     runs: 1000                              at each point of the axes
@@ -27,7 +28,8 @@ from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sweep_config import described, Extent, SweepConfig
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.package_share import shipped_experiment
-from impulse_control_ros.files.parameter_file import load_experiment, read_mapping
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.yaml_file import read_mapping
 
 EXTENT = ('duration', 'seed', 'runs')
 KEYS = ('experiment', *EXTENT, 'tolerances', 'vary')
@@ -46,7 +48,7 @@ def read_study(path: str | Path) -> SweepConfig:
             if key not in KEYS:
                 near = get_close_matches(str(key), KEYS, 1) or [', '.join(KEYS)]
                 raise ParameterError(f'{key}: a study has no such key; is {near[0]} meant?')
-        experiment = load_experiment(experiment_file(path, content.get('experiment')))
+        experiment = load_experiment(*experiment_files(path, content.get('experiment')))
         given = {'duration': experiment.plant.duration} | {
             key: content[key] for key in EXTENT if key in content
         }
@@ -61,10 +63,16 @@ def read_study(path: str | Path) -> SweepConfig:
         raise ParameterError(f'{path}: {error}') from None
 
 
-def experiment_file(study: str | Path, name: Any) -> Path:
-    """Return the experiment's file: relative to the study, or else one of ours."""
-    if type(name) is not str:
-        raise refusal('experiment', name, 'a parameter file')
+def experiment_files(study: str | Path, given: Any) -> list[Path]:
+    """Return the files of the experiment, of which one need not be in a list; or raise."""
+    names = given if isinstance(given, list) and given else [given]
+    if not all(type(name) is str for name in names):
+        raise refusal('experiment', given, 'a parameter file, or a list of them')
+    return [experiment_file(study, name) for name in names]
+
+
+def experiment_file(study: str | Path, name: str) -> Path:
+    """Return a parameter file: relative to the study, or else one of ours; or raise."""
     place = Path(study).parent / name
     if place.is_file():
         return place

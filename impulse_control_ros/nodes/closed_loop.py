@@ -9,14 +9,12 @@ awaited by busy waiting, because the executor waits 0.1 ms too long.
 """
 
 import argparse
-import sys
 from time import perf_counter
 from typing import Any
 
 from rclpy.parameter import Parameter
 
 from impulse_control_ros.command_line import simulated_time, StopRequest
-from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.topics import (
     DAMPING,
     IMPULSE_EVENTS,
@@ -128,14 +126,6 @@ def main(stop: StopRequest) -> int:
     loop = ClosedLoop()
 
     def makers(options: argparse.Namespace) -> list[Maker]:
-        # rcl would silently ignore a node that is not one of the three
-        load_experiment(
-            *(
-                path
-                for flag, path in zip(sys.argv, sys.argv[1:], strict=False)
-                if flag == '--params-file'
-            )
-        )
         record = not options.no_recorder
         return [
             lambda: loop.make_plant(record),

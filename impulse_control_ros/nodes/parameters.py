@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter
 from impulse_control_ros.core.parameter import build, declared, Parameters, refusal, Spec
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import is_foreign
+from impulse_control_ros.files.parameter_file import command_line_sections, merged, NAMES, names_of
 
 TYPES = {
     float: Parameter.Type.DOUBLE,
@@ -80,11 +81,14 @@ class ParameterNode(Node):
         self.failure, self.finished = reason, True
 
     def _declare(self) -> Any:
+        # these are the values that rcl gives, but the errors name the file
+        merged(command_line_sections(sys.argv), self.get_fully_qualified_name(), self._kind)
+        others = NAMES - names_of(self._kind)  # /** is for all nodes
         # rclpy does not declare an empty list override, which has no type
         given = {
             name: () if item.value is None else item.value
             for name, item in self._parameter_overrides.items()
-            if not is_foreign(name)
+            if not is_foreign(name) and name not in others
         }
         values = build(self._kind, given)
         for name, default, spec in declared(self._kind):

@@ -21,7 +21,11 @@ from rclpy.utilities import remove_ros_args
 
 from impulse_control_ros.command_line import Parser, StopRequest
 from impulse_control_ros.errors import BagError, ImpulseControlError, ParameterError
-from impulse_control_ros.files.parameter_overrides import unused_overrides
+from impulse_control_ros.files.parameter_file import (
+    command_line_sections,
+    require_known_nodes,
+    unused,
+)
 from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
 
 IDLE = 0.1
@@ -114,11 +118,7 @@ def main(
         for make in makers(options):
             nodes.append(make())
         place_on_core(nodes[0].parameters.cpu_core)
-        names = [node.get_fully_qualified_name() for node in nodes]
-        for what in unused_overrides(sys.argv, names):
-            if len(nodes) > 1:
-                raise ParameterError(what)
-            nodes[0].get_logger().warning(what)  # the file may be for other nodes
+        check_command_line(nodes)
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
     except (ImpulseControlError, _rclpy.RCLError) as error:
@@ -136,6 +136,18 @@ def main(
     if failure:
         return leave(nodes, f'{prog}: {failure}', 2 if isinstance(failure, ParameterError) else 1)
     return leave(nodes, '', 0)
+
+
+def check_command_line(nodes: Sequence[Any]) -> None:
+    """Raise `ParameterError` for parameters that reach no node; a file may be for other nodes."""
+    sections = list(command_line_sections(sys.argv))
+    kinds = {node.get_fully_qualified_name(): type(node.parameters) for node in nodes}
+    if len(nodes) > 1:
+        require_known_nodes(sections, kinds)
+    for what in unused(sections, kinds):
+        if len(nodes) > 1 or what.startswith('-p '):
+            raise ParameterError(what)
+        nodes[0].get_logger().warning(what)
 
 
 def leave(nodes: Sequence[Any], message: str, status: int) -> int:

@@ -11,10 +11,8 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import yaml
-
 from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
-from impulse_control_ros.errors import BagError, MissingPackageError, ParameterError
+from impulse_control_ros.errors import BagError, MissingPackageError
 
 DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
 COMPARED = """\
@@ -56,7 +54,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--params',
         metavar='FILE',
         type=Path,
-        help="with --controller: this file's parameters of the controller",
+        action='append',
+        default=[],
+        help='with --controller: a parameter file, whose controller answers; may be repeated, '
+        'later ones count',
     )
     again.add_argument(
         '-p',
@@ -106,18 +107,14 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 def overrides_of(options: argparse.Namespace) -> Mapping[str, Any]:
     """Return the controller's parameters of the command line; raises `ParameterError`."""
-    from impulse_control_ros.files.parameter_file import read_values
+    from impulse_control_ros.files.experiment import ControllerParameters
+    from impulse_control_ros.files.parameter_file import read_parameters
 
-    values = dict(read_values(options.params)['controller']) if options.params else {}
-    for rule in options.overrides:
-        name, given, value = rule.partition(':=')
-        if not given:
-            raise ParameterError(f'-p {rule}: must be NAME:=VALUE')
-        try:
-            values[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise ParameterError(f'-p {rule}: must be a value in YAML') from None
-    return values
+    given = read_parameters(
+        {'controller': ControllerParameters}, options.params, options.overrides
+    )['controller']
+    # what an experiment does not name has its default
+    return ControllerParameters().flat() | given if options.params else given
 
 
 def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
@@ -151,7 +148,11 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     lacks = f' of the bag is the same, to the bit; {absent} commands are not in it'
     return [
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
-        *(f'with {name} = {value!r}' for name, value in overrides.items()),
+        *(
+            f'with {name} = {value!r}'
+            for name, value in overrides.items()
+            if any(change.values.get(name) != value for change in recording.controllers)
+        ),
         *lines_of(found),
         'it differs'
         if not identical

@@ -19,7 +19,6 @@ from impulse_control_ros.files.bag import BagWriter, describe_run, require_defin
 from impulse_control_ros.files.experiment import Experiment, PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.parameter_file import load_experiment
-from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.run_messages import RunMessages
 from impulse_control_ros.files.topics import (
     DAMPING,
@@ -71,9 +70,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """Simulate an experiment into a bag; returns the exit status, 1 if the bag is not whole."""
     options = parse(arguments)
-    experiment = load_experiment(
-        *options.configs, besides=[one for rule in options.rules for one in given_by(rule)]
-    )
+    experiment = load_experiment(*options.configs, rules=options.rules)
     require_end(experiment.plant)
     require_definitions([*SERIES.values(), FLOAT64])
     writer = BagWriter(options.bag, experiment.recorder.compression)

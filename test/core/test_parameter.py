@@ -10,7 +10,7 @@ from impulse_control_ros.core.parameter import build, declared, RENAMED
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import ControllerParameters
-from impulse_control_ros.files.parameter_rules import given_by
+from impulse_control_ros.files.parameter_file import load_experiment
 
 
 @pytest.mark.parametrize(
@@ -85,5 +85,5 @@ def test_a_former_name_is_refused_with_the_present_one(old, new):
     with pytest.raises(ParameterError, match=f'{old} = 1: .*its name is now {new}$'):
         build(ControllerParameters, {old: 1})
     with pytest.raises(ParameterError, match=f'-p {old}:=1: .*its name is now {new}$'):
-        given_by(f'{old}:=1')
+        load_experiment(rules=[f'{old}:=1'])
     assert new in ControllerParameters().flat()

@@ -1,25 +1,73 @@
-"""Parameter files: complete, plain, and refused by name."""
+"""The experiments that come with the package, and parameter files that are refused by name."""
+
+import re
 
 import pytest
 import yaml
 
-from impulse_control_ros.core.parameter import declared
+from impulse_control_ros.core.parameter import build, declared
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import axis_of, NODES, PlantParameters
-from impulse_control_ros.files.parameter_file import flattened, load_experiment
-from test.conftest import CONFIG
+from impulse_control_ros.files.parameter_file import load_experiment
+from impulse_control_ros.files.yaml_file import flattened
+from test.conftest import CONFIG, ROOT
 
 FILES = sorted(CONFIG.glob('*.yaml'))
+SHORT = [path for path in FILES if path.stem != 'axis'] + [
+    ROOT / 'examples' / 'mujoco_axis' / 'axis.yaml'
+]
+SHOWN = {'m', 'K', 'D', 'd_bar', 'c'}  # in every experiment
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
-def test_every_experiment_is_complete_and_has_nothing_else(path):
-    load_experiment(path)
-    content = yaml.safe_load(path.read_text())
-    for node, kind in NODES.items():
-        given = set(flattened(content[f'/**/{node}']['ros__parameters']))
-        # a run names its own bag
-        assert given == {name for name, _, _ in declared(kind)} - {'bag'}
+def given_in(text):
+    """Return the parameters of each node as a file names them."""
+    return {
+        key.removeprefix('/**/'): flattened(section['ros__parameters'])
+        for key, section in yaml.safe_load(text).items()
+    }
+
+
+def comments_in(text):
+    """Return the comments of the parameters, in order; a comment may go on in the next lines."""
+    found = []
+    for line in text.splitlines():
+        if new := re.match(r' +\w+: .*?# (.*)', line):
+            found.append(new[1])
+        elif more := re.match(r' +#   (.*)', line):
+            found[-1] += f' {more[1]}'
+    return found
+
+
+def comment_on(value, default, spec):
+    """Return what axis.yaml is to say of a parameter: its unit, meaning, choices and default."""
+    said = f'[{spec.unit}] {spec.description}' if spec.unit else spec.description
+    if spec.choices:
+        said += f'; one of {", ".join(map(str, spec.choices))}'
+    return said if value == default else f'{said}; default {yaml.safe_dump(default).split()[0]}'
+
+
+def test_axis_yaml_has_every_parameter_with_its_unit_meaning_and_default():
+    text = (CONFIG / 'axis.yaml').read_text().replace('# bag: NAME', "bag: ''    ")
+    given = given_in(text)
+    names = [(node, name) for node in given for name in given[node]]
+    assert dict(zip(names, comments_in(text), strict=True)) == {
+        (node, name): comment_on(build(kind, given[node]).flat()[name], default, spec)
+        for node, kind in NODES.items()
+        for name, default, spec in declared(kind)
+    }
+
+
+@pytest.mark.parametrize('path', SHORT, ids=lambda path: path.stem)
+def test_every_other_experiment_names_its_gains_and_what_it_changes(path):
+    text = path.read_text()
+    given = given_in(text)
+    assert given['controller'].keys() >= SHOWN
+    for node, values in given.items():
+        made = build(NODES[node], values).flat()
+        for name, default, _ in declared(NODES[node]):
+            assert name not in values or name in SHOWN or made[name] != default
+    assert re.match(r'# .*\n/', text)
+    assert len(text.splitlines()) <= 20
 
 
 def test_plant_and_controller_agree_in_every_experiment():

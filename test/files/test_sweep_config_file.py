@@ -60,6 +60,14 @@ def test_an_experiment_is_found_beside_the_study_or_among_ours(tmp_path):
         read(tmp_path, text.replace('coulomb', 'other'))
 
 
+def test_later_files_of_an_experiment_count(tmp_path):
+    (tmp_path / 'stiff.yaml').write_text('/**/controller:\n  ros__parameters: {K: 40.0}\n')
+    study = read(
+        tmp_path, GOOD.replace(str(CONFIG / 'coulomb.yaml'), '[coulomb.yaml, stiff.yaml]')
+    )
+    assert (study.controller.K, study.axis.x_0) == (40.0, 0.15)
+
+
 @pytest.mark.parametrize(
     ('old', 'new', 'said'),
     [
@@ -80,7 +88,9 @@ def test_an_experiment_is_found_beside_the_study_or_among_ours(tmp_path):
         ('\n  F_c: {uniform: [0, 1.5]}', ' 3', 'vary = 3: must be parameters with'),
         ('vary:\n  F_c: {uniform: [0, 1.5]}', '', 'vary = None'),
         ('coulomb.yaml', 'coulumb.yaml', ': must be a parameter file; there is no '),
-        (f'{CONFIG}/coulomb.yaml', '3', 'experiment = 3: must be a parameter file'),
+        (f'{CONFIG}/coulomb.yaml', '3', 'experiment = 3: must be a parameter file, or a list'),
+        (f'{CONFIG}/coulomb.yaml', '[]', 'experiment = []: must be a parameter file, or a list'),
+        (f'{CONFIG}/coulomb.yaml', '[coulomb.yaml, 3]', "experiment = ['coulomb.yaml', 3]: must"),
         ('experiment:', 'experiments:', 'is experiment meant?'),
     ],
 )
@@ -102,7 +112,7 @@ def test_a_file_that_is_no_mapping_is_refused_in_one_line(tmp_path, text):
 
 def test_a_wrong_experiment_is_named(tmp_path):
     (tmp_path / 'wrong.yaml').write_text('controller:\n  ros__parameters: {K: ten}\n')
-    with pytest.raises(ParameterError, match=r"wrong\.yaml: controller: invalid K = 'ten'"):
+    with pytest.raises(ParameterError, match=r"wrong\.yaml: /controller: invalid K = 'ten'"):
         read(tmp_path, GOOD.replace(str(CONFIG / 'coulomb.yaml'), 'wrong.yaml'))
 
 

@@ -14,7 +14,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.recording import read_bag
 from test.command_lines import status_of
-from test.processes import CONFIG
+from test.processes import as_yaml, CONFIG
 
 NODES = ('plant_simulator', 'controller', 'recorder')
 UNDERDAMPED = CONFIG / 'underdamped.yaml'
@@ -29,7 +29,8 @@ def stamp_of(message):
 
 def start_as(graph, name, node, **parameters):
     """Start a node under another ``name``, with what UNDERDAMPED has for it."""
-    values = yaml.safe_load(UNDERDAMPED.read_text())[f'/**/{node}']
+    content = yaml.safe_load(UNDERDAMPED.read_text())
+    values = content.get(f'/**/{node}', {'ros__parameters': {}})
     config = graph.folder / f'{name}.yaml'
     config.write_text(yaml.safe_dump({f'/**/{name}': values}))
     return graph.start(node, '--ros-args', '-r', f'__node:={name}', config=config, **parameters)
@@ -145,9 +146,8 @@ def assert_whole(run, start=START):
 
 def assert_simulated(run, config=UNDERDAMPED, **plant):
     """Assert that a run is that of simulate(), to the last bit, as far as it goes."""
-    made = load_experiment(
-        config, besides=[('/plant_simulator', 'plant_simulator', plant)] if plant else ()
-    )
+    rules = [f'plant_simulator:{name}:={as_yaml(value)}' for name, value in plant.items()]
+    made = load_experiment(config, rules=rules)
     count = len(run.states)
     alone = simulate(made.plant, made.gains, (count - 1) * STEP / SECOND)
     answered = len(run.commands)

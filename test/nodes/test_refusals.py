@@ -26,11 +26,9 @@ REFUSED = [
 
 
 def written(graph, node, values):
-    """Return a file of an experiment in which one thing is wrong."""
-    content = yaml.safe_load(UNDERDAMPED.read_text())
-    content[f'/**/{node}']['ros__parameters'] |= values
+    """Return a file to come behind that of an experiment, in which one thing is wrong."""
     path = graph.folder / 'wrong.yaml'
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(yaml.safe_dump({f'/**/{node}': {'ros__parameters': values}}))
     return path
 
 
@@ -39,7 +37,7 @@ def test_a_wrong_file_is_refused_with_its_name_the_parameter_and_what_is_allowed
     graph, node, values, said
 ):
     with pytest.raises(ParameterError) as refused:
-        load_experiment(written(graph, node, values))
+        load_experiment(UNDERDAMPED, written(graph, node, values))
     for text in (*said, 'wrong.yaml', node):
         assert text in str(refused.value)
     assert '\n' not in str(refused.value)
@@ -56,8 +54,10 @@ def test_composed_a_wrong_file_is_refused_in_one_line_and_leaves_no_bag(graph):
     wrong = graph.folder / 'typo.yaml'
     wrong.write_text('contoller:\n  ros__parameters:\n    K: 3.0\n')
     misspelt = graph.start('closed_loop', config=wrong)
-    process = composed(graph, written(graph, 'controller', {'alpha_ratio': 1.0}))
-    assert_refused(process, 'alpha_ratio = 1.0', 'wrong.yaml')
+    files = [UNDERDAMPED, written(graph, 'controller', {'alpha_ratio': 1.0})]
+    process, alone = composed(graph, files), graph.start('controller', config=files)
+    assert_refused(process, 'wrong.yaml: /**/controller: invalid alpha_ratio = 1.0: must be in [')
+    assert_refused(alone, 'wrong.yaml: /**/controller: invalid alpha_ratio = 1.0: must be in [')
     assert_refused(misspelt, "'contoller'", 'controller')
     assert not (graph.folder / 'bag').exists()
 
@@ -92,6 +92,9 @@ def test_executables_refuse_wrong_arguments_in_one_line(graph):
         (graph.start(node, '--ros-args', *arguments.split()), said)
         for node, arguments, said in (
             ('controller', '-p K:=ten', "K = 'ten'"),
+            ('controller', '-p F_c:=0.5', 'there is no such parameter of /controller'),
+            ('recorder', '-p recorder:F_c:=0.5', 'invalid F_c = 0.5: there is no such parameter'),
+            ('controller', '-p lead:=0.5', 'its name is now guard_lookahead'),
             ('controller', '--nonsense', '--nonsense'),
             ('plant_simulator', '--params-file nowhere.yaml', 'nowhere.yaml'),
             ('recorder', '--log-level nonsense', 'nonsense'),

@@ -94,12 +94,18 @@ def in_order(found):
     return sorted(found, key=lambda one: (one[1], one[0] == '/damping'))
 
 
-def test_one_process_three_and_none_make_the_same_bag(graph):
+def test_one_process_three_and_none_make_the_same_bag_of_two_files(graph):
     """Also the damping stands behind the state that it was published after."""
     bags = {name: graph.folder / name for name in ('one', 'three', 'none')}
+    second = graph.folder / 'second.yaml'
+    second.write_text(
+        '/**/controller:\n  ros__parameters: {K: 12}\n'
+        '/**:\n  ros__parameters: {m: 0.12, F_c: 0.1, use_sim_time: false}\n'
+    )
+    files = [TIME_VARYING, second]
     process = composed(
         graph,
-        TIME_VARYING,
+        files,
         **{
             'plant_simulator:duration': 0.2,
             'plant_simulator:real_time_factor': 0.0,
@@ -108,7 +114,7 @@ def test_one_process_three_and_none_make_the_same_bag(graph):
         },
     )
     assert process.wait() == 0, process.output
-    three_processes(graph, NODES, TIME_VARYING, bags['three'], duration=0.2)
+    three_processes(graph, NODES, files, bags['three'], duration=0.2)
     one = undrawn(bags['one'])
     assert [stamp for topic, stamp, _ in one if topic == '/damping'] == [
         START + k * STEP for k in range(10, 2001, 10)
@@ -116,9 +122,12 @@ def test_one_process_three_and_none_make_the_same_bag(graph):
     assert in_order(undrawn(bags['three'])) == one
     if not find_spec('impulse_control_ros.tools.simulate'):
         pytest.skip('there is no simulate')
-    simulated = graph.start('simulate', TIME_VARYING, bags['none'], '-p', 'duration:=0.2')
+    simulated = graph.start('simulate', *files, bags['none'], '-p', 'duration:=0.2')
     assert simulated.wait() == 0, simulated.output
     assert undrawn(bags['none']) == one
+    given = read_bag(bags['none']).parameters
+    assert [given['/controller'][name] for name in ('m', 'K', 'D')] == [0.12, 12.0, 0.5]
+    assert [given['/plant_simulator'][name] for name in ('m', 'F_c')] == [0.12, 0.1]
 
 
 def test_the_composed_process_runs_without_a_recorder(graph):

@@ -85,12 +85,19 @@ def test_an_impulse_that_is_no_longer_fired_is_named(record, replay):
     assert 'velocity_zero at 1.000000000 s is only recorded' in said
 
 
-def test_a_file_of_parameters_serves_as_well(record, replay):
+def test_files_of_parameters_serve_as_well_and_what_they_do_not_name_has_its_default(
+    record, replay, graph
+):
     bag = record('underdamped')
     assert replay(bag, '--controller', '--params', CONFIG / 'underdamped.yaml')[0] == 0
     status, said = replay(bag, '--controller', '--params', CONFIG / 'pd_only_lower.yaml')
     assert status == 1
     assert 'with impulses = False' in said
+    second = graph.folder / 'second.yaml'
+    second.write_text('/**/controller:\n  ros__parameters: {impulses: true}\n')
+    files = ('--params', CONFIG / 'pd_only_lower.yaml', '--params', second)
+    status, said = replay(bag, '--controller', *files)
+    assert (status, 'impulses = ' in said) == (0, False), said
 
 
 def test_a_tuned_run_with_another_controller_in_it_is_replayed_to_the_bit(graph, client, replay):
@@ -216,8 +223,10 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
     for arguments, said in (
         ((bag, '--controller', '-p', 'K:=-1'), 'K = -1.0: must be > 0'),
         ((bag, '--controller', '-p', 'k:=1'), 'there is no such parameter'),
-        ((bag, '--controller', '-p', 'K'), 'must be NAME:=VALUE'),
-        ((bag, '--controller', '-p', 'K:=['), 'must be a value in YAML'),
+        ((bag, '--controller', '-p', 'K'), '-p K: must be [NODE:]NAME:=VALUE'),
+        ((bag, '--controller', '-p', 'F_c:=1'), '-p F_c:=1: there is no such parameter of'),
+        ((bag, '--controller', '-p', 'recorder:bag:=a'), '/recorder matches none of /controller'),
+        ((bag, '--controller', '-p', 'K:=['), '-p K:=[: must be [NODE:]NAME:=VALUE'),
         ((bag, '--controller', '-p', 'time_step:=0.001'), 'time_step = 0.001'),
         ((bag, '--controller', '--params', 'nowhere.yaml'), 'nowhere.yaml'),
         ((free, '--closed-loop'), 'lockstep: false'),

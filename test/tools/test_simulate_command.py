@@ -25,7 +25,6 @@ from impulse_control_ros.files.bag import PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.parameter_file import load_experiment
-from impulse_control_ros.files.parameter_rules import given_by
 from impulse_control_ros.files.recording import read_bag
 from test.conftest import BIN, CONFIG, Process, wait_for
 
@@ -148,7 +147,7 @@ def test_every_message_is_the_one_that_is_encoded_alone(tmp_path, start, name, r
         [*rules, f'duration:={duration}'],
     )
     assert start(config, bag, *(item for rule in rules for item in ('-p', rule))).wait() == 0
-    made = load_experiment(config, besides=[one for rule in rules for one in given_by(rule)])
+    made = load_experiment(config, rules=rules)
     found, metadata = messages_of(bag)
     author, run = author_in(found), metadata[PACKAGE]['run']
     expected = list(encoded(made, run, author, duration))
@@ -270,13 +269,16 @@ def test_later_files_and_then_the_command_line_count(tmp_path, start):
         (['axis.yaml', 'run', '-p', 'lockstep:=false'], 'lockstep = False'),
         (
             ['underdamped.yaml', 'run', '-p', 'F_c:=-1'],
-            'underdamped.yaml, -p: plant_simulator: invalid F_c = -1.0: must be >= 0 [N]',
+            'simulate: -p F_c:=-1: invalid F_c = -1.0: must be >= 0 [N]',
         ),
         (
             ['underdamped.yaml', 'run', '-p', 'plant_simulator:K:=1.0'],
-            'plant_simulator: invalid K = 1.0: there is no such parameter',
+            '-p plant_simulator:K:=1.0: invalid K = 1.0: there is no such parameter',
         ),
-        (['underdamped.yaml', 'run', '-p', 'F_x:=1'], '-p F_x:=1: no node has a parameter F_x'),
+        (
+            ['underdamped.yaml', 'run', '-p', 'F_x:=1'],
+            '-p F_x:=1: invalid F_x = 1: there is no such',
+        ),
         (['underdamped.yaml', 'run', '-p', 'plant:F_c:=1'], "node 'plant'"),
         (['underdamped.yaml', 'run', '-p', 'F_c=1'], '-p F_c=1: must be [NODE:]NAME:=VALUE'),
         (['underdamped.yaml', 'run', '-p', 'topics:=['], '-p topics:=['),
@@ -394,9 +396,7 @@ def samples_of(sizes, plant, controller, count):
 
 @pytest.mark.parametrize('size', [1, 7, 100, 10_000])
 def test_a_loop_diverges_at_the_same_sample_whatever_the_blocks(monkeypatch, size):
-    made = load_experiment(
-        CONFIG / 'underdamped.yaml', besides=[*given_by('D:=2500.0'), *given_by('impulses:=false')]
-    )
+    made = load_experiment(CONFIG / 'underdamped.yaml', rules=['D:=2500.0', 'impulses:=false'])
     plant, controller = made.plant, made.gains
     with pytest.raises(DivergedError) as expected:
         simulate(plant, controller, 2.0)

@@ -1,0 +1,68 @@
+"""YAML as ROS reads it."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+import re
+from typing import Any
+
+import yaml
+
+from impulse_control_ros.errors import ParameterError
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with the scalars of rcl, where 1e-4 is a number and a date is a string."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping, or raise `YAMLError` for a key that stands twice."""
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.YAMLError(
+                    f'{key.value} stands twice, again on line {key.start_mark.line + 1}'
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.bool_values = {**_Loader.bool_values, 'y': True, 'n': False}
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern in (
+    ('bool', r'[yYnN]|yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF'),
+    ('int', r'[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)'),
+    ('float', r'[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|\.?(?i:inf(inity)?|nan))'),
+):
+    _Loader.add_implicit_resolver(
+        f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), None
+    )
+
+
+def parsed(text: str) -> Any:
+    """Return the value of a YAML text; raises `YAMLError`."""
+    return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
+
+
+def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return nested mappings as one with dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flattened(value, f'{prefix}{name}.')
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat
+
+
+def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
+    """
+    Return what a YAML file holds: a mapping of ``keys``, which are not checked.
+
+    Raises `ParameterError` when the file cannot be read or is no mapping.
+    """
+    try:
+        content = parsed(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
+    if not isinstance(content, Mapping):
+        raise ParameterError(f'{path}: {content!r}: must be a mapping of {", ".join(keys)}')
+    return content
