@@ -11,6 +11,8 @@ from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.run_choice import OneRun
 from impulse_control_ros.files.run_parameters import acting, Change
 
+NO_EVENT = 'commands name a guard whose event is missing'
+
 
 def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
     """Return what a run with these parameter ``changes`` lacks, as sentences."""
@@ -69,7 +71,7 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
                 )
     fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
-        yield f'{missing} commands name a guard whose event is missing'
+        yield f'{missing} {NO_EVENT}'
 
 
 def of_parameters(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:

@@ -172,8 +172,9 @@ def replayed(bag, how):
 
 
 def assert_replays(bag, how='--closed-loop'):
-    """Assert that ``replay`` finds every message of a bag to be the same, to the bit."""
+    """Assert that ``replay`` makes every message of a bag again, and that it obeys the laws."""
     assert replayed(bag, how) == 0
+    assert status_of('analyze', bag, '--check') == 0
 
 
 def messages(bag: Path) -> Iterator[tuple[str, int, int, bytes]]:

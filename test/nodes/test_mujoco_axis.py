@@ -14,6 +14,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.files.topics import SERIES_DEPTH
 from impulse_control_ros.tools.analyze.run import Run
+from test.command_lines import status_of
 from test.nodes.runs import assert_replays, replayed
 from test.processes import ROOT
 
@@ -84,6 +85,8 @@ class Plant:
         assert set(late) <= {0.0, *recording.commands['effort']}
         assert_replays(self.bag, '--controller')
         assert replayed(self.bag, '--closed-loop') == 2
+        exact = '--position-error', 0, '--velocity-error', 0
+        assert status_of('analyze', self.bag, '--check', *exact) == 0
         return recording
 
 

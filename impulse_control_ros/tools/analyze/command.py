@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
+from math import inf
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
@@ -33,6 +34,11 @@ response begins. The effort is that of the command that answers each state; its 
 what it has beside the feedback -K e - D v from the sample of an impulse on. Work is the sum of the
 effort that acted from each state to the next times the way, exact, as it is held over the sample.
 Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
+
+With --check each line is one check: its samples, how many of them violate it, and the first of
+those with its stamp, value, expected value and tolerance. Checked are the equation of motion (3)
+with the parameters of the plant, and the control law and its guards with those of the controller.
+Exit status 1: one is violated.
 
 A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning. So
 is one that lacks anything of its run: a first response that begins in mid-run is no whole one."""
@@ -59,6 +65,19 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         dest='every',
         help='each response of a bag, not its last one alone',
     )
+    parser.add_argument(
+        '--check',
+        action='store_true',
+        help='check whether the run is one of the axis (3) with the control law, '
+        'in place of the figures',
+    )
+    for name, unit in (('position', 'M'), ('velocity', 'M/S')):
+        parser.add_argument(
+            f'--{name}-error',
+            metavar=unit,
+            type=float,
+            help=f'with --check: largest error of the measured {name} of an axis that is not ours',
+        )
     parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
     parser.add_argument(
         '--format',
@@ -76,12 +95,26 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--figure', metavar='FILE.pdf|.png', type=Path, help='write a figure for print'
     )
     options = parser.parse_args(arguments)
+    require_check_options(options)
     for name, suffixes, package in (
         ('report', ('.html',), 'plotly'),
         ('figure', ('.pdf', '.png'), 'matplotlib'),
     ):
         require_writable(name, getattr(options, name), suffixes, package)
     return options
+
+
+def require_check_options(options: argparse.Namespace) -> None:
+    """Raise `UsageError` for options that do not go with --check, or not without it."""
+    errors = options.position_error, options.velocity_error
+    if options.check and (options.every or options.report or options.figure):
+        raise UsageError('--check: must stand without --all, --report and --figure')
+    if errors == (None, None):
+        return
+    if not options.check or None in errors:
+        raise UsageError('--position-error, --velocity-error: must be given both, with --check')
+    if not all(0.0 <= error < inf for error in errors):
+        raise UsageError(f'--position-error, --velocity-error: {errors}: must be finite, >= 0')
 
 
 def require_writable(
@@ -173,6 +206,8 @@ def warn_of_cut(run: Run) -> None:
 def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """Print the table and write the files that are asked for; returns the exit status."""
     options = parsed(arguments)
+    if options.check:
+        return check(options)
     from impulse_control_ros.tools.analyze.table import FORMATS, Response, responses_of
 
     runs: list[Run] = []
@@ -191,6 +226,20 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
         write(options.figure, figure(runs, options.figure.suffix[1:]))
     return 0
+
+
+def check(options: argparse.Namespace) -> int:
+    """Print the checks of the runs; returns 1 where one is violated."""
+    from impulse_control_ros.core.check_motion import Errors
+    from impulse_control_ros.tools.analyze.check import checked, FORMATS
+
+    errors = options.position_error, options.velocity_error
+    every = [
+        checked(run, None if None in errors else Errors(*errors))
+        for run in runs_of(options.bags, options.run)
+    ]
+    print(FORMATS[options.format](every), flush=True)
+    return int(any(one.violations for run in every for one in run.checks))
 
 
 def write(path: Path, content: bytes) -> None:

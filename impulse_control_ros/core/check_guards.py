@@ -1,0 +1,139 @@
+"""
+Judge whether impulses start where the guards of the control law are met, and nowhere else.
+
+=============  ==============================================================================
+guard          met by the sample
+=============  ==============================================================================
+position zero  the error e, or what it is guard_lookahead samples on, is zero or of another
+               sign than that of the sample before, by the set-points of both; the axis moves
+velocity zero  the velocity is zero or of another sign, not by an impulse of the sample before;
+               or zero at the first sample, or where the set-point changed
+sticking       the velocity was zero at the sample before, too
+=============  ==============================================================================
+
+The last two need e beyond the dead band and nothing of an impulse that waits; at rest they need
+stiction_wait_samples since the last impulse. Zero is a velocity within its dead band. An impulse
+is missed where the law has one and the commands have not, and unexplained where only they have.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impulse_control_ros.core.check_report import Check, found, PerSample
+from impulse_control_ros.core.control_law import GUARDS, POSITION_ZERO, STICKING, VELOCITY_ZERO
+
+NEVER = 2**62  # samples
+
+
+class Commands(NamedTuple):
+    """
+    The states that a controller answered, and its answers, shape (n,).
+
+    ``samples`` are their numbers, ``velocity`` is nan where it was not measured, ``guard`` and
+    ``area`` [N s] are 0 where no impulse started. ``fresh`` tells that the controller had
+    no memory of the sample before, and ``begins`` the same, or that it is not known.
+    """
+
+    samples: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    guard: np.ndarray
+    area: np.ndarray
+    fresh: np.ndarray
+    begins: np.ndarray
+
+
+class Remembered(NamedTuple):
+    """
+    What the law has at each sample, shape (n,).
+
+    The velocity [m/s], the integral part of the feedback [N], the area that is to leave, and
+    what of it effort_limit holds back [N s].
+    """
+
+    velocity: np.ndarray
+    integral: np.ndarray
+    owed: np.ndarray
+    waits: np.ndarray
+
+
+def since(where: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    """Return the number of samples since the last one ``where``, NEVER without one, (n,)."""
+    index = np.arange(len(where))
+    last = np.maximum.accumulate(np.where(where, index, -1))
+    start = np.maximum.accumulate(np.where(begins, index, 0))
+    return np.where(last >= start, index - last, NEVER)
+
+
+def before(values: np.ndarray, begins: np.ndarray, fill: float) -> np.ndarray:
+    """Return the value of the sample before, ``fill`` where there is none."""
+    return np.where(begins, fill, np.concatenate((values[:1], values[:-1])))
+
+
+def directions(v: np.ndarray, begins: np.ndarray, of: PerSample) -> np.ndarray:
+    """Return the sign of v, 0 at rest: once at rest it takes more than the dead band to move."""
+    speed, way, dead = np.abs(v), np.sign(v), of('velocity_deadband')
+    moves = speed > dead + of('velocity_hysteresis')
+    is_clear = moves | (speed <= dead) | begins | (way != before(way, begins, 0.0))
+    last = np.maximum.accumulate(np.where(is_clear, np.arange(len(v)), 0))
+    return np.where(moves, way, 0.0)[last]
+
+
+def position_zeros(commands: Commands, of: PerSample, v: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return where the error crosses zero, and where that counts: once beyond the hysteresis."""
+    begins, x_r = commands.begins, of('x_r')
+    ahead = commands.position + of('guard_lookahead') * of('time_step') * v
+    side, side_before = np.sign(ahead - x_r), before(np.sign(ahead - x_r), begins, 0.0)
+    judged_anew = np.sign(before(ahead, begins, 0.0) - x_r)
+    crosses = (side_before != 0) & (side != side_before) & (side != judged_anew)
+    crosses = np.where(commands.fresh, side == 0.0, crosses)
+    far = before(np.abs(ahead - x_r) > of('position_hysteresis'), begins, False).astype(bool)
+    fired = before(commands.guard == POSITION_ZERO, begins, False).astype(bool)
+    return crosses, since(far, begins) <= since(fired, begins)
+
+
+def expected_guards(commands: Commands, of: PerSample, memory: Remembered) -> np.ndarray:
+    """Return the guard of the impulse that the law has at each sample, shape (n,)."""
+    begins, fresh, x_r = commands.begins, commands.fresh, of('x_r')
+    way = directions(memory.velocity, begins, of)
+    way_before = before(way, begins, 0.0)
+    rests, rested = way == 0.0, way_before == 0.0
+    acted = before(memory.owed != 0.0, begins, False).astype(bool)
+    turns = (way != way_before) & ~rested & ~acted
+    arrives = rests & (fresh | (before(x_r, begins, 0.0) != x_r))
+
+    at_rest = np.minimum.reduce(
+        [since(~rests, begins), since(begins, begins) + 1, since(acted, begins) + 1]
+    )
+    may_push = fresh | ~rested | (at_rest >= of('stiction_wait_samples'))
+    may_push &= np.abs(commands.position - x_r) > of('position_deadband')
+    may_push &= before(memory.waits, begins, 0.0) == 0.0
+
+    crosses, counts = position_zeros(commands, of, memory.velocity)
+    guards = np.select(
+        [crosses & ~rests, rests & rested & ~arrives & may_push, (arrives | turns) & may_push],
+        [np.where(counts, POSITION_ZERO, 0), STICKING, VELOCITY_ZERO],
+        0,
+    )
+    # after a position zero the law holds off
+    ago = since(before(commands.guard == POSITION_ZERO, begins, False).astype(bool), begins) + 1
+    held = of('hold_off')[np.maximum(np.arange(len(ago)) - ago, 0)] >= ago
+    return np.where(of('impulses') & ~held, guards, 0)
+
+
+def guard_checks(commands: Commands, expected: np.ndarray, known: np.ndarray) -> list[Check]:
+    """Check that each impulse that the law has is there, and no other."""
+    differs, fired = known & (commands.guard != expected), commands.guard != 0
+    note = '' if known.all() else f'{(~known).sum()} samples follow unknown ones'
+    names = np.array(['no impulse', *GUARDS[1:]])
+    columns = commands.samples, names[commands.guard], names[expected], np.zeros(len(fired))
+    missed = [
+        found(f'missed {names[guard]}', '', known, differs & (expected == guard), columns, note)
+        for guard in (POSITION_ZERO, VELOCITY_ZERO, STICKING)
+    ]
+    return [
+        *missed,
+        found('unexplained impulse', '', known & fired, differs & fired, columns, note),
+    ]

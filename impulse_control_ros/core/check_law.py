@@ -1,0 +1,156 @@
+"""
+Judge whether commands obey the control law: their guards, areas and efforts.
+
+This is a second formulation of the law, which shares nothing with its kernel but the names. What
+the law remembers is read off the samples and the recorded impulses, so that one wrong sample is
+one violation. Positions and velocities are those that the controller saw: noise and encoder
+steps are in them, and the tolerance is that of rounding.
+
+============  ====  ========================================================================
+check         unit  equation
+============  ====  ========================================================================
+guards        1     core/check_guards.py
+impulse area  N s   J = -2 alpha sign(v) or -c_event beta sign(e): (17), (19), (26)
+effort        N     u = K (x_r - x) - D v - I + J / dt, within effort_limit: (4)
+============  ====  ========================================================================
+
+Only effort_limit, K_i and an estimated velocity need a memory of all samples before.
+"""
+
+import numpy as np
+
+from impulse_control_ros.core.check_guards import (
+    Commands,
+    expected_guards,
+    guard_checks,
+    Remembered,
+)
+from impulse_control_ros.core.check_report import (
+    bounded,
+    Check,
+    Gains,
+    LoopSamples,
+    per_sample,
+    PerSample,
+    ROUNDING,
+)
+from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING
+
+STILL = 1e-12  # m/s, below which an estimated velocity is zero
+LONG_MEMORY = ('K_i', 'effort_limit')
+MEMORY = (*LONG_MEMORY, 'position_hysteresis', 'velocity_hysteresis')
+
+
+def check_commands(loop: LoopSamples, gains: Gains) -> list[Check]:
+    """Check the commands of a controller: each against the state that it answers."""
+    answered = np.flatnonzero(np.isfinite(loop.effort) & np.isfinite(loop.position))
+    if not len(answered):
+        return [Check(name='effort', note='no state is answered')]
+    every, index = per_sample(gains, len(loop.time)), np.arange(len(answered))
+
+    def of(name: str) -> np.ndarray:
+        return every(name)[answered]
+
+    gone = np.diff(loop.time[answered], prepend=-np.inf) > 1.5 * loop.time_step
+    answers = {name: getattr(loop, name)[answered] for name in Commands._fields[1:-1]}
+    begins = gone | answers['fresh']
+    commands = Commands(samples=answered, begins=begins, **answers)
+    has_long = estimates(commands, of).any() or any(of(name).any() for name in LONG_MEMORY)
+    has_memory = has_long or any(of(name).any() for name in MEMORY)
+    has_memory |= (of('stiction_wait_samples') > 1).any()
+    start = np.maximum.accumulate(np.where(commands.begins, index, 0))
+    known = commands.fresh[start]
+    recent = index - start > of('hold_off').max()
+    memory = remembered(commands, of) if has_long else plain(commands, of)
+    expected = expected_guards(commands, of, memory)
+    return [
+        *guard_checks(commands, expected, known | (recent & (not has_memory))),
+        area_check(commands, of, memory, known | (not has_long)),
+        effort_check(commands, of, memory, known | (not has_long)),
+    ]
+
+
+def plain(commands: Commands, of: PerSample) -> Remembered:
+    """Return what a law without effort_limit, K_i and an estimated velocity has."""
+    none = np.zeros(len(commands.samples))
+    return Remembered(commands.velocity, none, np.where(of('impulses'), commands.area, 0.0), none)
+
+
+def estimates(commands: Commands, of: PerSample) -> np.ndarray:
+    """Return where the law acts on an estimated velocity."""
+    return (of('velocity_source') == 'estimated') | np.isnan(commands.velocity)
+
+
+def remembered(commands: Commands, of: PerSample) -> Remembered:
+    """
+    Return what a law with effort_limit, K_i or an estimated velocity has, one by one.
+
+    v = p (v + J / m) + (1 - p) dx / dt; I grows by K_i e dt, but not while the effort is at its
+    limit and e drives it on; an area that would drive the axis away from x_r does not wait.
+    """
+    dt, limit = of('time_step'), of('effort_limit')
+    columns = (
+        *(commands.position, commands.velocity, commands.area),
+        *(commands.position - of('x_r'), commands.begins, estimates(commands, of)),
+        *(np.exp(-2 * np.pi * of('velocity_bandwidth') * dt), of('K'), of('D')),
+        *(of('K_i') * dt, np.where(limit > 0, limit, np.inf), of('impulses'), of('m'), dt),
+    )
+    rows = np.zeros((len(commands.samples), 4))
+    v = integral = waits = left = x_before = 0.0
+    for k, row in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
+        x, measured, area, e, begins, guessed, p, K, D, growth, most, acts, m, step = row
+        if begins:
+            v = integral = waits = left = 0.0
+        if guessed:
+            v = 0.0 if begins else p * (v + left / m) + (1 - p) * (x - x_before) / step
+            v = v if abs(v) > STILL else 0.0
+        else:
+            v = measured
+        x_before = x
+        wanted = -K * e - D * v
+        grown = (integral if growth else 0.0) + growth * e
+        winds = abs(wanted - grown) > most and (wanted - grown) * e < 0
+        integral = (integral if growth else 0.0) if winds else grown
+        feedback = min(max(wanted - integral, -most), most)
+        owed = area + waits
+        owed = area if min(owed, e, v) > 0 or max(owed, e, v) < 0 else owed
+        owed = owed if acts else 0.0
+        waits = owed - (min(max(feedback + owed / step, -most), most) - feedback) * step
+        waits = waits if abs(feedback + owed / step) > most else 0.0
+        left = owed - waits
+        rows[k] = v, integral, owed, waits
+    return Remembered(*rows.T)
+
+
+def area_check(commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray) -> Check:
+    """Check the area of each impulse by its guard."""
+    error = commands.position - of('x_r')
+    alpha = of('alpha_ratio') * of('m') * np.abs(memory.velocity)
+    beta = np.abs(error) * of('d_bar') / (2 * of('c'))
+    c_event = np.where(commands.guard == STICKING, 1.0, 2.0)
+    is_position_zero = commands.guard == POSITION_ZERO
+    expected = np.where(
+        is_position_zero, -2 * alpha * np.sign(memory.velocity), -c_event * beta * np.sign(error)
+    )
+    area = np.where(known & (commands.guard != 0), commands.area, np.nan)
+    tolerance = ROUNDING * np.abs(expected)
+    bounds = expected, expected
+    return bounded('impulse area', 'N s', area, bounds, tolerance, commands.samples)
+
+
+def effort_check(
+    commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray
+) -> Check:
+    """Check each effort: the feedback (4) and what leaves of the impulses."""
+    limit = np.where(of('effort_limit') > 0, of('effort_limit'), np.inf)
+    terms = (
+        -of('K') * (commands.position - of('x_r')),
+        -of('D') * memory.velocity,
+        -memory.integral,
+        memory.owed / of('time_step'),
+    )
+    feedback = np.clip(sum(terms[:3]), -limit, limit)
+    expected = np.clip(feedback + terms[3], -limit, limit)
+    tolerance = ROUNDING * np.sum(np.abs(terms), axis=0)
+    effort = np.where(known, commands.effort, np.nan)
+    return bounded('effort', 'N', effort, (expected, expected), tolerance, commands.samples)
