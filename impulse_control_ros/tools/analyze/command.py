@@ -32,7 +32,8 @@ with the x_r that the bag tells for each sample; the overshoot is on the side op
 response begins. The effort is that of the command that answers each state; its impulsive part is
 what it has beside the feedback -K e - D v from the sample of an impulse on. Work is the sum of the
 effort that acted from each state to the next times the way, exact, as it is held over the sample.
-Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
+Stuck is v = 0 with e != 0 in two samples or more. Units are SI. All names are
+in docs/reference/metrics.md.
 
 A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning. So
 is one that lacks anything of its run: a first response that begins in mid-run is no whole one."""
