@@ -1,4 +1,4 @@
-"""Write docs/parameters.md: every parameter of every node, from its one declaration."""
+"""Write docs/reference/parameters.md: every parameter of every node, from its one declaration."""
 
 import sys
 

@@ -176,7 +176,7 @@ def parse(
         prog=prog,
         description=description,
         epilog='ROS arguments follow --ros-args, e.g. --ros-args --params-file FILE -p '
-        f'{example}; all parameters are in docs/parameters.md',
+        f'{example}; all parameters are in docs/reference/parameters.md',
     )
     if add_options:
         add_options(parser)

@@ -9,9 +9,9 @@ from impulse_control_ros.errors import BagError, MissingPackageError, UsageError
 
 EPILOG = """\
 The table has a row for each sample: time, stamp_ns, position, velocity, effort (applied), command,
-impulse_area, guard, damping, is_reset (a run starts, or is reset); docs/bags.md explains them. A
-Parquet file has the parameters too, which pandas shows as DataFrame.attrs. A file of that name is
-replaced."""
+impulse_area, guard, damping, is_reset (a run or an episode starts here). Units and meaning are in
+docs/reference/commands.md. A Parquet file also has the parameters, which pandas shows as
+DataFrame.attrs. An existing file is replaced."""
 SUFFIXES = ('.parquet', '.csv')
 
 

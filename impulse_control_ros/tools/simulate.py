@@ -35,7 +35,7 @@ EPILOG = """\
 The samples, the messages and their order are those of closed_loop, to the bit. Wall-clock
 parameters such as real_time_factor are ignored, and a managed controller is active from the
 start. Ctrl-C ends the run; the bag then has everything up to that point. All parameters are in
-docs/parameters.md."""
+docs/reference/parameters.md."""
 T = TypeVar('T')
 
 

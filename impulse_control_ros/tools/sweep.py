@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from impulse_control_ros.tools.sweep_workers import Workers
 
 EPILOG = """\
-The folder gets runs.parquet, a row for each run, and pictures. A sweep that was ended goes on
-with the same command; a finished one shows its summary again. docs/sweep.md has the YAML."""
+The folder gets runs.parquet, a row for each run, and pictures. The same command resumes an
+interrupted sweep, and shows the summary of a finished one again. The study file is described in
+docs/reference/studies.md."""
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:

@@ -1,5 +1,5 @@
 """
-Run scripts/studies/robustness_*.yaml, and write their results into docs/robustness.md.
+Run scripts/studies/robustness_*.yaml, and write their results into docs/concepts/robustness.md.
 
 ``python -m scripts.robustness docs`` runs each study as ``sweep`` does, into the same folder:
 finished runs are not repeated.
@@ -28,12 +28,15 @@ from scripts.robustness.document import block, renewed
 from scripts.robustness.drawing import picture
 
 TUNING = 'robustness_tuning'
+PAGE, PICTURES = Path('concepts', 'robustness.md'), 'images'  # in the docs folder
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = Parser(prog='robustness', description=__doc__)
-    parser.add_argument('docs', type=Path, help='the folder of robustness.md')
+    parser.add_argument(
+        'docs', type=Path, help='the folder with concepts/robustness.md and images/'
+    )
     parser.add_argument(
         '--studies',
         metavar='FOLDER',
@@ -55,9 +58,9 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
     """Run what is left of the studies, and write the page and its pictures."""
-    path = docs / 'robustness.md'
+    path = docs / PAGE
     if not path.is_file():
-        raise ParameterError(f'{docs}: must be a folder with robustness.md')
+        raise ParameterError(f'{docs}: must be a folder with {PAGE}')
     page = path.read_text()
     for file in sorted(studies.glob('robustness_*.yaml')):
         name, study = file.stem, read_study(file)
@@ -68,7 +71,11 @@ def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
             comparison = compared(study, column)
             lines = block(name, comparison)
             with rc_context(STYLE):
-                save(picture(comparison, study.extent.duration), docs / f'{name}.png', DOCS_DPI)
+                save(
+                    picture(comparison, study.extent.duration),
+                    docs / PICTURES / f'{name}.png',
+                    DOCS_DPI,
+                )
         page = renewed(page, name, lines)
     with replaced(path) as made:
         made.write_text(page)

@@ -1,4 +1,4 @@
-"""What docs/robustness.md holds between the markers of a study, which its text is around."""
+"""The generated parts of docs/concepts/robustness.md: between the markers of each study."""
 
 from collections.abc import Sequence
 import math
@@ -29,7 +29,7 @@ def renewed(page: str, name: str, lines: Sequence[str]) -> str:
 def block(name: str, comparison: Comparison) -> list[str]:
     """Return the lines of a study: its picture, its table and where impulses lose."""
     return [
-        f'![{comparison.disturbance}]({name}.png)',
+        f'![{comparison.disturbance}](../images/{name}.png)',
         '',
         *table(comparison),
         '',

@@ -3,7 +3,8 @@ Bags of real runs, judged by what rosbag2 of Jazzy requires and by independent r
 
 rosbag2 itself is not on PyPI. What it requires is written down here from its sources:
 rosbag2_storage's yaml.hpp and qos.cpp, rosbag2_storage_mcap's mcap_storage.cpp, and the player's
-choice of a quality of service. docs/bags.md has the table of all readers that were tried.
+choice of a quality of service. All readers that were tried are in
+docs/reference/bag-format.md.
 """
 
 from collections import Counter, defaultdict

@@ -117,7 +117,7 @@ def test_a_wrong_experiment_is_named(tmp_path):
 
 
 def test_the_documentation_shows_a_study_and_every_law():
-    text = (ROOT / 'docs' / 'sweep.md').read_text()
+    text = (ROOT / 'docs' / 'reference' / 'studies.md').read_text()
     shown = re.search(r'```yaml\n(.*?)```', text, re.S)[1]
     study = yaml.safe_load((ROOT / 'studies' / 'gains.yaml').read_text())
     assert yaml.safe_load(shown) == study

@@ -4,7 +4,7 @@ Rounds of random faults on real processes; make soak runs some of them, by hand 
     python -m test.nodes.fault_rounds [--kills N] [--stops N] [--minutes N] [--seed N]
 
 --kills and --stops are rounds for each of the three nodes; --minutes is simulated time of one
-composed, recorded run with a fault each minute. The figures are in docs/reliability.md.
+composed, recorded run with a fault each minute: docs/concepts/fault-tolerance.md
 """
 
 import argparse

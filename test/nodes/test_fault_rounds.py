@@ -1,4 +1,4 @@
-"""Some rounds of random faults; docs/reliability.md has the figures of many."""
+"""Some rounds of random faults; docs/concepts/fault-tolerance.md has the figures of many."""
 
 import random
 

@@ -5,4 +5,4 @@ from test.conftest import ROOT
 
 
 def test_the_page_of_parameters_is_what_the_script_writes():
-    assert (ROOT / 'docs' / 'parameters.md').read_text() == document()
+    assert (ROOT / 'docs' / 'reference' / 'parameters.md').read_text() == document()

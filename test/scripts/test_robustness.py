@@ -1,4 +1,4 @@
-"""The study of docs/robustness.md: its page, its PID, and laws that its figures keep."""
+"""The study of docs/concepts/robustness.md: its page, its PID, and laws that its figures keep."""
 
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ FOLDER = ROOT / 'scripts' / 'studies'
 STUDIES = sorted(FOLDER.glob('robustness_*.yaml'))
 NAMES = [path.stem for path in STUDIES]
 COMPARED = [path for path in STUDIES if path.stem != command.TUNING]
-PAGE = (ROOT / 'docs' / 'robustness.md').read_text()
+PAGE = (ROOT / 'docs' / command.PAGE).read_text()
 K = 10.0
 
 
@@ -42,10 +42,11 @@ def tiny(name, **vary):
 def place(tmp_path):
     """Return a folder with a page and two tiny studies."""
     (tmp_path / 'studies').mkdir()
-    (tmp_path / 'docs').mkdir()
+    for room in ('concepts', 'images'):
+        (tmp_path / 'docs' / room).mkdir(parents=True)
     for name in ('robustness_delay', 'robustness_friction'):
         (tmp_path / 'studies' / f'{name}.yaml').write_text(tiny(name))
-        with (tmp_path / 'docs' / 'robustness.md').open('a') as page:
+        with (tmp_path / 'docs' / command.PAGE).open('a') as page:
             page.write(f'# Ours\n\n<!-- {name} -->\nold\n<!-- end -->\n\nText.\n')
     return tmp_path
 
@@ -69,16 +70,16 @@ def of(study, folder):
 
 def test_the_page_has_each_study_once_and_a_picture_of_it():
     assert sorted(re.findall('<!-- (robustness_.*) -->', PAGE)) == NAMES
-    pictures = {path.stem for path in (ROOT / 'docs').glob('robustness_*.png')}
+    pictures = {path.stem for path in (ROOT / 'docs' / command.PICTURES).glob('robustness_*.png')}
     assert pictures == {path.stem for path in COMPARED}
-    assert set(re.findall(r'\]\((.*)\.png\)', PAGE)) == pictures
+    assert set(re.findall(r'\]\(\.\./images/(.*)\.png\)', PAGE)) == pictures
 
 
 def test_the_same_studies_give_the_same_bytes_and_the_text_stays(place):
     pages = []
     for runs in ('runs', 'again', 'again'):  # the last finds them finished
         assert renewed(place, runs) == 0
-        pages.append({path.name: path.read_bytes() for path in (place / 'docs').iterdir()})
+        pages.append({path.name: path.read_bytes() for path in (place / 'docs').glob('*/*')})
     assert pages[0] == pages[1] == pages[2]
     assert sorted(pages[0]) == ['robustness.md', 'robustness_delay.png', 'robustness_friction.png']
     text = pages[0]['robustness.md'].decode()
@@ -102,8 +103,8 @@ def test_what_cannot_be_renewed_is_refused_in_one_line(place, capsys):
     study.write_text(tiny('robustness_delay'))
     shutil.rmtree(place / 'runs', ignore_errors=True)
     assert 'the page has no <!-- robustness_new -->' in refused()
-    (place / 'docs' / 'robustness.md').unlink()
-    assert 'must be a folder with robustness.md' in refused()
+    (place / 'docs' / command.PAGE).unlink()
+    assert 'must be a folder with concepts/robustness.md' in refused()
 
 
 def test_the_pid_of_all_studies_is_the_best_of_the_tuning(tmp_path):

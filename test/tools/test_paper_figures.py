@@ -17,7 +17,7 @@ from impulse_control_ros.tools.paper.drawing import draw, DRAWN
 from test.command_lines import status_of
 from test.conftest import BIN, ROOT
 
-PAGE = (ROOT / 'docs' / 'paper.md').read_text()
+PAGE = (ROOT / 'docs' / command.PAGE).read_text()
 
 
 @pytest.fixture(scope='module')
@@ -153,16 +153,18 @@ def test_the_page_on_the_paper_is_up_to_date(claims):
 
 def test_the_page_is_renewed_below_its_marker_alone(runs, claims, tmp_path):
     claims = list(claims.values())
-    (tmp_path / 'paper.md').write_text('By hand.\n\n' + PAGE[PAGE.index('<!--') :] + 'stale\n')
+    for room in ('concepts', 'images'):
+        (tmp_path / room).mkdir()
+    (tmp_path / command.PAGE).write_text('By hand.\n\n' + PAGE[PAGE.index('<!--') :] + 'stale\n')
     command.write_docs(tmp_path, runs, claims)
-    assert (tmp_path / 'paper.md').read_text() == 'By hand.\n\n' + PAGE[PAGE.index('<!--') :]
-    assert {path.name for path in tmp_path.glob('*.png')} == {f'fig{n}.png' for n in TITLES}
+    assert (tmp_path / command.PAGE).read_text() == 'By hand.\n\n' + PAGE[PAGE.index('<!--') :]
+    assert {path.name for path in tmp_path.glob('images/*.png')} == {f'fig{n}.png' for n in TITLES}
 
 
 @pytest.mark.parametrize('figure', TITLES)
 def test_the_page_shows_each_figure_in_a_small_picture(figure):
-    assert f'](fig{figure}.png)' in PAGE
-    picture = (ROOT / 'docs' / f'fig{figure}.png').read_bytes()
+    assert f'](../images/fig{figure}.png)' in PAGE
+    picture = (ROOT / 'docs' / command.PICTURES / f'fig{figure}.png').read_bytes()
     assert size_of(picture)[0] == 1080
     assert len(picture) < 150_000
 
@@ -196,7 +198,7 @@ def test_a_file_that_cannot_be_written_is_refused_by_name(monkeypatch, capsys, t
 
 
 def test_a_folder_without_the_page_is_refused_by_name(capsys, tmp_path):
-    assert f'{tmp_path}: there is no paper.md' in refused(capsys, '--docs', tmp_path)
+    assert f'{tmp_path}: there is no concepts/paper.md' in refused(capsys, '--docs', tmp_path)
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch, capsys):

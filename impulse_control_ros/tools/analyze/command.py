@@ -33,7 +33,8 @@ with the x_r that the bag tells for each sample; the overshoot is on the side op
 response begins. The effort is that of the command that answers each state; its impulsive part is
 what it has beside the feedback -K e - D v from the sample of an impulse on. Work is the sum of the
 effort that acted from each state to the next times the way, exact, as it is held over the sample.
-Stuck is v = 0 with e != 0 in two samples or more. Units are SI; docs/analyze.md has every name.
+Stuck is v = 0 with e != 0 in two samples or more. Units are SI. All names are
+in docs/reference/metrics.md.
 
 With --check each line is one check: its samples, how many of them violate it, and the first of
 those with its stamp, value, expected value and tolerance. Checked are the equation of motion (3)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from impulse_control_ros.tools.paper.runs import Runs
 
 NAME = 'paper_figures'
+PAGE, PICTURES = Path('concepts', 'paper.md'), 'images'  # in the folder of --docs
 
 
 def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -42,7 +43,7 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--docs',
         metavar='FOLDER',
         type=Path,
-        help='instead of that, renew paper.md and its pictures in FOLDER',
+        help='instead, update concepts/paper.md and its pictures in FOLDER',
     )
     return parser.parse_args(arguments)
 
@@ -73,13 +74,13 @@ def write_figures(folder: Path, runs: Runs, claims: Sequence[Claim], docs: bool 
 
 
 def write_docs(folder: Path, runs: Runs, claims: Sequence[Claim]) -> None:
-    """Renew paper.md and its pictures, whose captions it holds."""
+    """Update concepts/paper.md and its pictures, whose captions it has."""
     from impulse_control_ros.tools.paper.document import renewed
 
-    page = folder / 'paper.md'
+    page = folder / PAGE
     with replaced(page) as path:
         path.write_text(renewed(page.read_text(), claims))
-    write_figures(folder, runs, claims, docs=True)
+    write_figures(folder / PICTURES, runs, claims, docs=True)
 
 
 def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
@@ -87,8 +88,8 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
     options = parsed(arguments)
     if find_spec('matplotlib') is None:
         raise UsageError("matplotlib is missing: pip install 'impulse_control_ros[analysis]'")
-    if options.docs is not None and not (options.docs / 'paper.md').is_file():
-        raise UsageError(f'--docs {options.docs}: there is no paper.md to renew')
+    if options.docs is not None and not (options.docs / PAGE).is_file():
+        raise UsageError(f'--docs {options.docs}: there is no {PAGE} to update')
     folder = options.docs or made(options.out)
     from impulse_control_ros.tools.paper.claims import all_claims
     from impulse_control_ros.tools.paper.document import plain

@@ -1,4 +1,4 @@
-"""The claims in words: captions, the table for a terminal, and what docs/paper.md holds."""
+"""The claims in words: figure captions, a table for a terminal, docs/concepts/paper.md."""
 
 from collections.abc import Sequence
 import textwrap
@@ -13,7 +13,7 @@ TITLES = {
     5: 'The axis with Coulomb friction F_c = 1 N from x = 0.15 m at rest, d = 0.15 N s/m, with '
     'and without impulses.',
 }
-MARKER = '<!-- From here on made by: ros2 run impulse_control_ros paper_figures --docs docs -->'
+MARKER = '<!-- Generated from here on by: paper_figures --docs docs -->'
 
 
 def caption(figure: int, claims: Sequence[Claim]) -> str:
@@ -36,7 +36,7 @@ def plain(claims: Sequence[Claim]) -> str:
 
 
 def section(claims: Sequence[Claim]) -> str:
-    """Return what docs/paper.md holds below its hand-written part, the marker first."""
+    """Return what docs/concepts/paper.md holds below its hand-written part, the marker first."""
     parts = [
         MARKER,
         '',
@@ -54,11 +54,11 @@ def section(claims: Sequence[Claim]) -> str:
     parts += ['', '## Figures']
     for figure in TITLES:
         first, *others = caption(figure, claims).splitlines()
-        parts += ['', f'![Fig. {figure}](fig{figure}.png)', '', f'**{first}**', '']
+        parts += ['', f'![Fig. {figure}](../images/fig{figure}.png)', '', f'**{first}**', '']
         parts += [f'* {line}' for line in others]
     return '\n'.join(parts) + '\n'
 
 
 def renewed(document: str, claims: Sequence[Claim]) -> str:
-    """Return the text of docs/paper.md with its lower part made anew."""
+    """Return the text of docs/concepts/paper.md with its lower part made anew."""
     return document.partition(MARKER)[0] + section(claims)
