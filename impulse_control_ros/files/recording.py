@@ -12,7 +12,6 @@ import numpy as np
 from impulse_control_ros.core.protocol import StateHeader
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.core.trajectory import Trajectory
-from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.completeness import lacking
 from impulse_control_ros.files.damping_series import DampingSeries
@@ -23,7 +22,7 @@ from impulse_control_ros.files.joint_state_arrays import (
     SAMPLE,
     Series,
 )
-from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming
+from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming, storage_file
 from impulse_control_ros.files.run_choice import (
     choose,
     NO_SOURCE,
@@ -163,19 +162,6 @@ class Recording(Trajectory):
     def controllers(self) -> list[Change]:
         """The parameters of the controllers, each from where it begins to act."""
         return [change for change in self.history if not change.is_plant]
-
-
-def storage_file(bag: str | Path) -> Path:
-    """Return the MCAP file of a bag folder, or the file itself."""
-    path = Path(bag)
-    if path.is_file():
-        return path
-    if not path.exists():
-        raise BagError(f'bag {str(bag)!r} does not exist')
-    found = sorted(path.glob('*.mcap'))
-    if len(found) != 1:
-        raise BagError(f'bag {str(bag)!r} has {len(found)} .mcap files; 1 is expected')
-    return found[0]
 
 
 def read_bag(bag: str | Path, run: str = '') -> Recording:
