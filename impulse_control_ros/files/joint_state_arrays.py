@@ -7,7 +7,6 @@ them all at once. A message whose stamp is 0 has none: it answers no state.
 """
 
 from collections.abc import Callable, Sequence
-import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,6 @@ from impulse_control_ros.files.cdr import (
     FIELDS,
     JointStateLayout,
     layout_in,
-    read_header,
 )
 from impulse_control_ros.files.mcap_reader import Column
 
@@ -167,11 +165,12 @@ class Series:
 
     def _known(self, raw: bytes, namespace: str) -> Known:
         """Return the layout of a message, None for no message, and the number of its origin."""
-        layout, is_ours = layout_in(raw, self._joint), True
-        if layout is None:
-            count, name = first_joint(raw)
-            layout, is_ours = layout_in(raw, name), count == 1
-        if not (layout and is_ours and set(NEEDED[self._kind]) <= set(layout.fields)):
+        layout = layout_in(raw, self._joint) or layout_in(raw)
+        if not (
+            layout
+            and (layout.joint == self._joint or len(layout.joints) == 1)
+            and set(NEEDED[self._kind]) <= set(layout.fields)
+        ):
             return layout, NOT_OURS
         parse = parse_state if self._kind is SAMPLE else parse_command
         origin = Origin(namespace, layout.joint, parse(layout.frame_id))
@@ -220,13 +219,3 @@ class Series:
         for part in parts:  # nothing is held twice
             part.clear()
         return Messages(rows, sent, origin, self._origins)
-
-
-def first_joint(raw: bytes) -> tuple[int, str]:
-    """Return the number of joints of a JointState, and the name of the first."""
-    at = 17 + len(read_header(raw)[1])
-    at += -at % 4
-    if len(raw) < at + 8:
-        return 0, ''
-    count, size = struct.unpack_from('<II', raw, at)
-    return count, raw[at + 8 : at + 7 + size].decode(errors='replace')
