@@ -14,22 +14,23 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.completeness import lacking
-from impulse_control_ros.files.damping_series import DampingSeries
 from impulse_control_ros.files.joint_state_arrays import (
     COMMAND,
+    damping_rows,
     IMPULSE,
+    JointStateTable,
     Messages,
     SAMPLE,
-    Series,
 )
 from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming, storage_file
 from impulse_control_ros.files.run_choice import (
     choose,
+    damping_of,
     NO_SOURCE,
     one_run,
     OneRun,
     placed,
-    Series as AllSeries,
+    Series,
 )
 from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
 from impulse_control_ros.files.settings import Setting, settings_of, spans
@@ -173,17 +174,16 @@ def read_bag(bag: str | Path, run: str = '') -> Recording:
     """
     path = storage_file(bag)
     with naming(path):
-        gathered = _Gathered(DEFAULT_JOINT)
+        found = _Gathered(DEFAULT_JOINT)
         for item in columns(path):
-            gathered.add(item)
-            if gathered.parameters.joint != DEFAULT_JOINT:
+            found.add(item)
+            if found.parameters.joint != DEFAULT_JOINT:
                 break
-        else:
-            return gathered.recording(run)
-        gathered = _Gathered(gathered.parameters.joint)
-        for item in columns(path):
-            gathered.add(item)
-        return gathered.recording(run)
+        if found.parameters.joint != DEFAULT_JOINT:  # from the start, for this joint
+            found = _Gathered(found.parameters.joint)
+            for item in columns(path):
+                found.add(item)
+        return found.recording(run)
 
 
 class _Gathered:
@@ -194,8 +194,8 @@ class _Gathered:
         self._joint = joint
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[str, Channel] = {}
-        self._series = {role: Series(kind, joint) for role, kind in KINDS.items()}
-        self._damping = DampingSeries()
+        self._series = {role: JointStateTable(kind, joint) for role, kind in KINDS.items()}
+        self._damping: dict[str, list[np.ndarray]] = {}
         self._about: Mapping[str, str] | None = None
         self._receipt: Mapping[str, str] = {}
         self._unread: int | None = None
@@ -235,13 +235,13 @@ class _Gathered:
         if role in KINDS and kind == JOINT_STATE:
             self._series[role].add(column, namespace, in_place=self._is_ours)
         elif role == DAMPING and kind == FLOAT64:
-            self._damping.add(column, namespace)
+            self._damping.setdefault(namespace, []).append(damping_rows(column))
         elif role == RUN_PARAMETERS and kind == SERIES[RUN_PARAMETERS]:
             self.parameters.add(column, namespace, schema)
 
     def recording(self, name: str) -> Recording:
         """Return the run with that ``name``, '' for any, as a whole."""
-        every = AllSeries(*(self._series[role].messages() for role in KINDS))
+        every = Series(*(self._series[role].messages() for role in KINDS))
         every = every._replace(states=every.states.where(every.states.stamps > 0))
         run = self._about.get('run', '') if self._about is not None else None
         source = choose(every.states, self._joint, run, name)
@@ -265,7 +265,7 @@ class _Gathered:
             commands=commands.rows,
             impulses=impulses.rows,
             withdrawn=withdrawn if self._is_ours else placed(states, withdrawn),
-            damping=self._damping.of(found, self._is_ours),
+            damping=damping_of(found, self._damping, self._is_ours),
             history=changes,
             version=(self._about or {}).get('version', ''),
             recording_summary=self._receipt,

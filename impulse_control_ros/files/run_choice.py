@@ -7,28 +7,15 @@ names, or the last one itself, else the first one; the events are those of these
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
-from impulse_control_ros.files.joint_state_arrays import Messages, Origin
+from impulse_control_ros.files.joint_state_arrays import DAMPING, Messages, Source
 
 LATE = 10  # states before the one ahead of them in a row: time went back; fewer came late
-
-
-class Source(NamedTuple):
-    """Whose states: those of a ``run``, or of a foreign plant, '', in a ``namespace``."""
-
-    run: str
-    namespace: str
-    joint: str
-
-    @property
-    def name(self) -> str:
-        """The name to choose it by."""
-        return self.run or self.namespace
 
 
 NO_SOURCE = Source('', '/', '')
@@ -65,14 +52,9 @@ def choose(states: Messages, joint: str, run: str | None, name: str) -> Source |
     plant the ``joint``. Raises ValueError for a wrong name, or for too many foreign plants.
     """
     counts = Counter[Source]()
-    for origin, count in zip(
-        states.origins,
-        np.bincount(states.origin, minlength=len(states.origins)).tolist(),
-        strict=True,
-    ):
-        source = source_of(origin)
-        if count and (source.run or source.joint == joint):
-            counts[source] += count
+    for origin, count in states.counts():
+        if count and (origin.header.run or origin.joint == joint):
+            counts[origin.source] += count
     found = [
         source
         for source in counts
@@ -93,14 +75,9 @@ def named(sources: Iterable[Source]) -> str:
     return ', '.join(dict.fromkeys(source.name for source in sources)) or 'none'
 
 
-def source_of(origin: Origin) -> Source:
-    """Return whose states have an ``origin``."""
-    return Source(origin.header.run, origin.namespace, origin.joint)
-
-
 def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
     """Return the messages of a ``source``; in a bag of our recorder (``is_ours``) time goes on."""
-    states = every.states.of(lambda origin: source_of(origin) == source)
+    states = every.states.of(lambda origin: origin.source == source)
     parts = [states, *(of_source(messages, source) for messages in every[1:])]
     others = sum((counted(messages, source) for messages in every), Counter[str]())
     span = spanned(states, every.states, source, is_ours)
@@ -160,11 +137,7 @@ def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) ->
 def counted(messages: Messages, source: Source) -> Counter[str]:
     """Return the number of messages of other runs than ``source``."""
     counts = Counter[str]()
-    for origin, count in zip(
-        messages.origins,
-        np.bincount(messages.origin, minlength=len(messages.origins)).tolist(),
-        strict=True,
-    ):
+    for origin, count in messages.counts():
         if origin.header.run and origin.header.run != source.run:
             counts[f'run {origin.header.run}'] += count
         elif not origin.header.run and source.run and isinstance(origin.header, StateHeader):
@@ -210,3 +183,23 @@ def placed(states: Messages, sent: np.ndarray) -> np.ndarray:
     order = np.argsort(states.sent, kind='stable')
     stamps = np.append(0, states.stamps[order])
     return stamps[np.searchsorted(states.sent[order], sent, 'right')]
+
+
+def damping_of(
+    run: OneRun, found: Mapping[str, Sequence[np.ndarray]], is_ours: bool
+) -> np.ndarray:
+    """
+    Return the damping of a run, of what was ``found`` by namespace: shape (n,), dtype DAMPING.
+
+    In a bag of our recorder (``is_ours``) the publish times are those of the states. Other
+    recorders know only when a message was sent: after the state that it belongs to.
+    """
+    near = found.get(run.source.namespace) or [rows for parts in found.values() for rows in parts]
+    rows = np.concatenate([np.zeros(0, DAMPING), *near])
+    if is_ours:
+        return rows
+    sent = rows['stamp'].copy()
+    rows['stamp'] = placed(run.series.states, sent)
+    first, last = run.span
+    rows = rows[(rows['stamp'] > 0) & (sent >= first) & (sent < last)]
+    return np.sort(rows, order='stamp', kind='stable')
