@@ -15,22 +15,9 @@ from typing import NamedTuple
 import zlib
 
 import lz4.frame
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 import zstandard
 
 from impulse_control_ros.files.mcap_chunk import (
@@ -56,16 +43,16 @@ COMPRESSIONS: dict[str, tuple[str, Callable[[memoryview], bytes]]] = {
 class _Written(NamedTuple):
     """A ``chunk`` in the file, its messages by channel, the checksum of what is before."""
 
-    chunk: ChunkIndex
+    chunk: records.ChunkIndex
     counts: dict[int, int]
     checksum: int
 
 
-def encoded(records: Iterable[McapRecord]) -> bytes:
+def encoded(items: Iterable[records.McapRecord]) -> bytes:
     """Return the bytes of library records."""
     builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
+    for item in items:
+        item.write(builder)
     return bytes(builder.end())
 
 
@@ -80,16 +67,16 @@ class McapFile:
     def __init__(self, path: Path, library: str, compression: str) -> None:
         self.counts: dict[int, int] = {}
         self._compression, self._compress = COMPRESSIONS[compression]
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: dict[str, records.Schema] = {}
+        self._channels: list[records.Channel] = []
         self._chunks: list[_Written] = []
-        self._metadata: list[MetadataIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
         self._pending: list[Block] = []  # in no chunk yet
         self._checksum = 0
         self._end = 0  # of what is in the file for good
         self._file = path.open('xb', buffering=0)
         try:
-            self._put(MAGIC + encoded([Header('ros2', library)]))
+            self._put(MAGIC + encoded([records.Header('ros2', library)]))
         except OSError:
             self._file.close()
             raise
@@ -117,22 +104,17 @@ class McapFile:
         self._checksum = zlib.crc32(data, self._checksum)
         self._end += len(data)
 
-    def add_schema(self, name: str, text: str) -> int:
-        """Register a ros2msg definition; returns its id."""
-        schema = Schema(
-            id=len(self._schemas) + 1, name=name, encoding='ros2msg', data=text.encode()
-        )
-        self._put(encoded([schema]))
-        self._schemas.append(schema)
-        return schema.id
-
-    def add_channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
-        """Register a topic of CDR messages; returns its channel."""
-        channel = Channel(
+    def add_channel(self, topic: str, kind: str, definition: str, metadata: dict[str, str]) -> int:
+        """Register a topic of CDR messages, and the ros2msg definition; returns its channel."""
+        if kind not in self._schemas:
+            schema = records.Schema(len(self._schemas) + 1, definition.encode(), 'ros2msg', kind)
+            self._put(encoded([schema]))
+            self._schemas[kind] = schema
+        channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding='cdr',
-            schema_id=schema,
+            schema_id=self._schemas[kind].id,
             metadata=metadata,
         )
         self._put(encoded([channel]))
@@ -142,10 +124,10 @@ class McapFile:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Store a named record of strings."""
-        data = encoded([Metadata(name=name, metadata=values)])
+        data = encoded([records.Metadata(name=name, metadata=values)])
         at = self._end
         self._put(data)
-        self._metadata.append(MetadataIndex(offset=at, length=len(data), name=name))
+        self._metadata.append(records.MetadataIndex(offset=at, length=len(data), name=name))
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
         """Append (publish time [ns], channel, data); the log time is that, but never goes back."""
@@ -180,7 +162,7 @@ class McapFile:
         """Write records of messages as a chunk, and the ``indexes`` of its channels."""
         first = min(int(index['log_time'][0]) for index in indexes.values())
         last = max(int(index['log_time'][-1]) for index in indexes.values())
-        chunk = Chunk(
+        chunk = records.Chunk(
             compression=self._compression,
             data=self._compress(data),
             message_start_time=first,
@@ -197,7 +179,7 @@ class McapFile:
             parts.append(head + index.tobytes())
             end += len(parts[-1])
         self._put(b''.join(parts))
-        entry = ChunkIndex(
+        entry = records.ChunkIndex(
             message_start_time=first,
             message_end_time=last,
             chunk_start_offset=at,
@@ -234,8 +216,8 @@ class McapFile:
     def finish(self) -> None:
         """Write the last chunk and the summary."""
         self.end_chunk()
-        data_end = encoded([DataEnd(self._checksum)])
-        statistics = Statistics(
+        data_end = encoded([records.DataEnd(self._checksum)])
+        statistics = records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts={one: count for one, count in self.counts.items() if count},
@@ -247,20 +229,20 @@ class McapFile:
             schema_count=len(self._schemas),
         )
         start, summary, offsets = self._end + len(data_end), b'', []
-        groups: dict[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas,
+        groups: dict[Opcode, Sequence[records.McapRecord]] = {
+            Opcode.SCHEMA: [*self._schemas.values()],
             Opcode.CHANNEL: self._channels,
             Opcode.STATISTICS: [statistics],
             Opcode.CHUNK_INDEX: [written.chunk for written in self._chunks],
             Opcode.METADATA_INDEX: self._metadata,
         }
-        for opcode, records in groups.items():
-            if group := encoded(records):
-                offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+        for opcode, items in groups.items():
+            if group := encoded(items):
+                offsets.append(records.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
         offset_start = start + len(summary)
         summary += encoded(offsets)
-        footer = Footer(start, offset_start, summary_crc=0)
+        footer = records.Footer(start, offset_start, summary_crc=0)
         footer.summary_crc = zlib.crc32(summary + encoded([footer])[:-4])
         self._put(data_end + summary + encoded([footer]) + MAGIC)
 

@@ -57,9 +57,8 @@ def messages_in(content):
 
 def begun(folder):
     file = McapFile(folder / 'run.mcap', 'test', 'none')
-    schema = file.add_schema('std_msgs/msg/Float64', 'float64 data')
     for number in range(CHANNELS):
-        file.add_channel(f'/{number}', schema, {})
+        file.add_channel(f'/{number}', 'std_msgs/msg/Float64', 'float64 data', {})
     return file
 
 
