@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Schema
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
@@ -22,7 +22,7 @@ from impulse_control_ros.files.joint_state_arrays import (
     Messages,
     SAMPLE,
 )
-from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming, storage_file
+from impulse_control_ros.files.mcap_reader import Column, columns, Cut, Item, naming, storage_file
 from impulse_control_ros.files.run_choice import (
     choose,
     damping_of,
@@ -193,44 +193,37 @@ class _Gathered:
         self.parameters = RunParameters()
         self._joint = joint
         self._schemas: dict[int, Schema] = {}
-        self._channels: dict[str, Channel] = {}
+        self._types: dict[str, Schema | None] = {}  # by topic
         self._series = {role: JointStateTable(kind, joint) for role, kind in KINDS.items()}
         self._damping: dict[str, list[np.ndarray]] = {}
         self._about: Mapping[str, str] | None = None
-        self._receipt: Mapping[str, str] = {}
+        self._summary: Mapping[str, str] = {}
         self._unread: int | None = None
-        self._roles: dict[str, str] = {}
         self._topics: set[str] = set()
 
     def add(self, item: Item) -> None:
         """Take what a file holds."""
         if isinstance(item, Column):
             self._add_messages(item)
-        elif isinstance(item, Metadata):
-            self._add_metadata(item)
         elif isinstance(item, Schema):
             self._schemas[item.id] = item
         elif isinstance(item, Channel):
-            self._channels[item.topic] = item
-        else:
+            self._types[item.topic] = self._schemas.get(item.schema_id)
+        elif isinstance(item, Cut):
             self._unread = item.unread
-
-    def _add_metadata(self, item: Metadata) -> None:
-        """Take a named record of strings."""
-        if item.name == PACKAGE:
+        elif item.name == PACKAGE:
             self._about = item.metadata
-            self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
-            self._receipt = item.metadata
+            self._summary = item.metadata
 
     def _add_messages(self, column: Column) -> None:
         """Take the messages of a topic."""
         self._topics.add(column.topic)
         namespace, _, name = column.topic.rpartition('/')
-        role = self._roles.get(column.topic, name)
+        about, schema = self._about or {}, self._types.get(column.topic)
+        role = next((role for role in ROLES if about.get(role) == column.topic), name)
         # our recorder records one plant, whatever its topics are called
         namespace = '/' if self._is_ours else namespace or '/'
-        schema = self._type_of(column.topic)
         kind = schema.name if schema else ''
         if role in KINDS and kind == JOINT_STATE:
             self._series[role].add(column, namespace, in_place=self._is_ours)
@@ -268,7 +261,7 @@ class _Gathered:
             damping=damping_of(found, self._damping, self._is_ours),
             history=changes,
             version=(self._about or {}).get('version', ''),
-            recording_summary=self._receipt,
+            recording_summary=self._summary,
             unread=self._unread,
             lacks=lacking(found, changes),
         )
@@ -280,12 +273,8 @@ class _Gathered:
 
     def _typed(self, topic: str) -> str:
         """Return a topic with its type, where that is known."""
-        kind = self._type_of(topic)
-        return f'{topic} ({kind.name})' if kind else topic
-
-    def _type_of(self, topic: str) -> Schema | None:
-        channel = self._channels.get(topic)
-        return self._schemas.get(channel.schema_id) if channel else None
+        schema = self._types.get(topic)
+        return f'{topic} ({schema.name})' if schema else topic
 
 
 def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
