@@ -113,13 +113,13 @@ class Messages(NamedTuple):
         counts = np.bincount(self.origin, minlength=len(self.origins)).tolist()
         return list(zip(self.origins, counts, strict=True))
 
-    def told(self, of: Callable[[Origin], int]) -> np.ndarray:
+    def per_message(self, of: Callable[[Origin], int]) -> np.ndarray:
         """Return what each origin tells."""
         return np.array([*map(of, self.origins), 0], np.int32)[self.origin]
 
-    def of(self, test: Callable[[Origin], bool]) -> 'Messages':
+    def from_origins(self, test: Callable[[Origin], bool]) -> 'Messages':
         """Return those whose origin passes a ``test``."""
-        return self.where(self.told(test).astype(bool))
+        return self.where(self.per_message(test).astype(bool))
 
     def in_order(self, preferred: np.ndarray | None = None) -> 'Messages':
         """Return one of each stamp, by their stamps: the first one sent, or one ``preferred``."""

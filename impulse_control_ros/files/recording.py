@@ -29,8 +29,8 @@ from impulse_control_ros.files.run_choice import (
     NO_SOURCE,
     one_run,
     OneRun,
-    placed,
     Series,
+    state_before,
 )
 from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
 from impulse_control_ros.files.settings import Setting, settings_of, spans
@@ -257,7 +257,7 @@ class _Gathered:
             states=states.rows,
             commands=commands.rows,
             impulses=impulses.rows,
-            withdrawn=withdrawn if self._is_ours else placed(states, withdrawn),
+            withdrawn=withdrawn if self._is_ours else state_before(states, withdrawn),
             damping=damping_of(found, self._damping, self._is_ours),
             history=changes,
             version=(self._about or {}).get('version', ''),
@@ -285,7 +285,7 @@ def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
     with; where the bag does not have them, it is the one that names no controller.
     """
     is_reset, header = states.rows['is_reset'], states.origins[states.origin[0]].header
-    is_reset[1:] = np.diff(states.told(lambda origin: origin.header.episode)) != 0
+    is_reset[1:] = np.diff(states.per_message(lambda origin: origin.header.episode)) != 0
     # a plant that waits for the wall clock tells its parameters again at its start
     starts = {change.stamp for change in changes if change.is_plant and change.anew}
     is_reset[0] = states.stamps[0] in starts if starts else header == StateHeader(header.run)

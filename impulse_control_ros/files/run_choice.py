@@ -61,26 +61,27 @@ def choose(states: Messages, joint: str, run: str | None, name: str) -> Source |
         if source.name == name or (not name and run in (None, source.run))
     ]
     if name and not found:
-        raise ValueError(f'run {name} is not in it; its runs: {named(counts)}')
+        raise ValueError(f'run {name} is not in it; its runs: {names_of(counts)}')
     found = [source for source in found if source.run] or found
     if len(found) > 1 and not found[0].run:
         raise ValueError(
-            f'joint {joint!r} has states in the namespaces {named(found)}: choose one with --run'
+            f'joint {joint!r} has states in the namespaces {names_of(found)}: '
+            'choose one with --run'
         )
     return max(found, key=lambda source: counts[source], default=None)
 
 
-def named(sources: Iterable[Source]) -> str:
+def names_of(sources: Iterable[Source]) -> str:
     """Return the names of sources."""
     return ', '.join(dict.fromkeys(source.name for source in sources)) or 'none'
 
 
 def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
     """Return the messages of a ``source``; in a bag of our recorder (``is_ours``) time goes on."""
-    states = every.states.of(lambda origin: origin.source == source)
+    states = every.states.from_origins(lambda origin: origin.source == source)
     parts = [states, *(of_source(messages, source) for messages in every[1:])]
-    others = sum((counted(messages, source) for messages in every), Counter[str]())
-    span = spanned(states, every.states, source, is_ours)
+    others = sum((messages_of_others(messages, source) for messages in every), Counter[str]())
+    span = span_of(states, every.states, source, is_ours)
     if not source.run:
         whole = parts
         parts = [part.where((part.sent >= span[0]) & (part.sent < span[1])) for part in whole]
@@ -89,24 +90,24 @@ def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
         )
     states = parts[0].in_order()
     commands, impulses = (part.where(part.stamps > 0) for part in parts[1:])
-    commands = counting(commands, states)
-    series = Series(states, commands, of_commands(impulses, commands))
+    commands = acting_commands(commands, states)
+    series = Series(states, commands, events_of(impulses, commands))
     return OneRun(series, parts[1].where(parts[1].stamps == 0), source, +others, span)
 
 
 def of_source(messages: Messages, source: Source) -> Messages:
     """Return the commands or events that may answer the states of a ``source``."""
     if source.run:
-        return messages.of(
+        return messages.from_origins(
             lambda origin: origin.joint == source.joint and (origin.header.run in (source.run, ''))
         )
-    messages = messages.of(lambda one: one.joint == source.joint and not one.header.run)
+    messages = messages.from_origins(lambda one: one.joint == source.joint and not one.header.run)
     # a controller may be in another namespace than its plant, where there is none in this one
-    near = messages.of(lambda origin: origin.namespace == source.namespace)
+    near = messages.from_origins(lambda origin: origin.namespace == source.namespace)
     return near if len(near.rows) else messages
 
 
-def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) -> tuple[int, int]:
+def span_of(states: Messages, every: Messages, source: Source, is_ours: bool) -> tuple[int, int]:
     """
     Return the times [ns] from which on, and before which, a run was recorded.
 
@@ -134,7 +135,7 @@ def spanned(states: Messages, every: Messages, source: Source, is_ours: bool) ->
     return ends[longest], ends[longest + 1]
 
 
-def counted(messages: Messages, source: Source) -> Counter[str]:
+def messages_of_others(messages: Messages, source: Source) -> Counter[str]:
     """Return the number of messages of other runs than ``source``."""
     counts = Counter[str]()
     for origin, count in messages.counts():
@@ -145,40 +146,36 @@ def counted(messages: Messages, source: Source) -> Counter[str]:
     return counts
 
 
-def counting(commands: Messages, states: Messages) -> Messages:
+def acting_commands(commands: Messages, states: Messages) -> Messages:
     """Return the commands that count, one a stamp: most often they are all there are."""
     run = states.origins[states.origin[0]].header.run if len(states.rows) else ''
     # what does not say that it is for our run, and the plant has not taken, may be for another
-    is_strange = commands.told(lambda origin: origin.header.run != run) > 0
+    is_strange = commands.per_message(lambda origin: origin.header.run != run) > 0
     if not run or not (is_strange.any() or (np.diff(commands.stamps) <= 0).any()):
         return commands.in_order()
-    numbers = numbers_of(commands, states)
-    author, controller = (
-        messages.told(lambda origin: numbers[origin.node_id]) for messages in (commands, states)
-    )
+    author, controller = controllers(commands, states)
     after = np.searchsorted(states.stamps, commands.stamps, 'right')
     is_named = author == controller[np.minimum(after, len(controller) - 1)]
     keep = is_named | ~is_strange
     return commands.where(keep).in_order(is_named[keep])
 
 
-def of_commands(impulses: Messages, commands: Messages) -> Messages:
+def events_of(impulses: Messages, commands: Messages) -> Messages:
     """Return the events, one a stamp, that are not of another author than the command."""
-    numbers = numbers_of(impulses, commands)
-    author = impulses.told(lambda origin: numbers[origin.node_id])
-    counts = np.append(commands.told(lambda origin: numbers[origin.node_id]), -1)
+    author, of_command = controllers(impulses, commands)
     at = np.searchsorted(commands.stamps, impulses.stamps)
     answers = np.append(commands.stamps, 0)[at] == impulses.stamps
-    return impulses.where(~answers | (counts[at] == author)).in_order()
+    return impulses.where(~answers | (np.append(of_command, -1)[at] == author)).in_order()
 
 
-def numbers_of(*series: Messages) -> dict[str, int]:
-    """Return a number for each controller."""
+def controllers(*series: Messages) -> list[np.ndarray]:
+    """Return the number of its controller for each message, the same numbers in all series."""
     names = {origin.node_id for messages in series for origin in messages.origins}
-    return {name: number for number, name in enumerate(sorted(names))}
+    numbers = {name: number for number, name in enumerate(names)}
+    return [messages.per_message(lambda origin: numbers[origin.node_id]) for messages in series]
 
 
-def placed(states: Messages, sent: np.ndarray) -> np.ndarray:
+def state_before(states: Messages, sent: np.ndarray) -> np.ndarray:
     """Return the stamp of the state that was sent last before each time ``sent`` [ns], or 0."""
     order = np.argsort(states.sent, kind='stable')
     stamps = np.append(0, states.stamps[order])
@@ -199,7 +196,7 @@ def damping_of(
     if is_ours:
         return rows
     sent = rows['stamp'].copy()
-    rows['stamp'] = placed(run.series.states, sent)
+    rows['stamp'] = state_before(run.series.states, sent)
     first, last = run.span
     rows = rows[(rows['stamp'] > 0) & (sent >= first) & (sent < last)]
     return np.sort(rows, order='stamp', kind='stable')
