@@ -50,6 +50,17 @@ class Topic:
     type: str
     qos: tuple[Mapping[str, Any], ...]
 
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What metadata.yaml says of it."""
+        return {
+            'name': self.name,
+            'type': self.type,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': [dict(qos) for qos in self.qos],
+            'type_description_hash': type_hash(self.type),
+        }
+
 
 class BagWriter:
     """
@@ -65,7 +76,6 @@ class BagWriter:
         make(self.folder)
         self._path = storage_path(self.folder)
         self._topics: list[Topic] = []
-        self._schemas: dict[str, int] = {}
         try:
             self._file = McapFile(self._path, f'impulse_control_ros {__version__}', compression)
         except OSError as error:
@@ -77,39 +87,32 @@ class BagWriter:
     def add_topic(self, topic: Topic) -> int:
         """Register a topic; returns the channel for `write`."""
         definition = definition_of(topic.type, f'topic {topic.name!r}')
-        self._if_it_fits(lambda: self._register(topic, definition))
+        metadata = {
+            'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
+            'topic_type_hash': type_hash(topic.type),
+        }
+        self._if_it_fits(self._file.add_channel, topic.name, topic.type, definition, metadata)
+        if not self.full:
+            self._topics.append(topic)
         return len(self._topics)
-
-    def _register(self, topic: Topic, definition: str) -> None:
-        if topic.type not in self._schemas:
-            self._schemas[topic.type] = self._file.add_schema(topic.type, definition)
-        self._file.add_channel(
-            topic.name,
-            self._schemas[topic.type],
-            {
-                'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
-                'topic_type_hash': type_hash(topic.type),
-            },
-        )
-        self._topics.append(topic)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Store a named record of strings."""
-        self._if_it_fits(lambda: self._file.add_metadata(name, values))
+        self._if_it_fits(self._file.add_metadata, name, values)
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
         """Append messages, see `McapFile.write`."""
-        self._if_it_fits(lambda: self._file.write(messages))
+        self._if_it_fits(self._file.write, messages)
 
     def write_block(self, block: Block) -> None:
         """Append messages, see `McapFile.write_block`."""
-        self._if_it_fits(lambda: self._file.write_block(block))
+        self._if_it_fits(self._file.write_block, block)
 
-    def _if_it_fits(self, write: Callable[[], None]) -> None:
+    def _if_it_fits(self, write: Callable[..., object], *what: Any) -> None:
         if self.full:
             return
         try:
-            write()
+            write(*what)
         except OSError as error:
             self.full = error
             self._file.cut_back()
@@ -151,38 +154,26 @@ class BagWriter:
 
     def _information(self) -> dict[str, Any]:
         """Return rosbag2's BagMetadata, version 9."""
-        start = {'nanoseconds_since_epoch': self._file.first}
-        length = {'nanoseconds': self._file.last - self._file.first}
+        span = {
+            'starting_time': {'nanoseconds_since_epoch': self._file.first},
+            'duration': {'nanoseconds': self._file.last - self._file.first},
+            'message_count': self.count,
+        }
+        counted = zip(self._topics, self._file.counts.values(), strict=True)
         return {
             'version': 9,
             'storage_identifier': 'mcap',
-            'duration': length,
-            'starting_time': start,
+            'duration': span['duration'],
+            'starting_time': span['starting_time'],
             'message_count': self.count,
             'topics_with_message_count': [
-                {
-                    'topic_metadata': {
-                        'name': topic.name,
-                        'type': topic.type,
-                        'serialization_format': 'cdr',
-                        'offered_qos_profiles': [dict(qos) for qos in topic.qos],
-                        'type_description_hash': type_hash(topic.type),
-                    },
-                    'message_count': count,
-                }
-                for topic, count in zip(self._topics, self._file.counts.values(), strict=True)
+                {'topic_metadata': topic.metadata, 'message_count': count}
+                for topic, count in counted
             ],
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [self._path.name],
-            'files': [
-                {
-                    'path': self._path.name,
-                    'starting_time': start,
-                    'duration': length,
-                    'message_count': self.count,
-                }
-            ],
+            'files': [{'path': self._path.name, **span}],
             'custom_data': {'impulse_control_ros': __version__},
             'ros_distro': ROS_DISTRO,
         }

@@ -24,6 +24,33 @@ _FRAME_ID_AT = 12  # behind the stamp
 _HEADER = struct.Struct('<4sIII')  # stamp, and the length of the string behind it
 
 
+class CdrWriter:
+    """
+    A CDR message in the making: its ``data``, and a ``mask``.
+
+    The mask is 0 where a byte is padding, or a value that is still open, and 255 elsewhere.
+    """
+
+    def __init__(self) -> None:
+        self.data, self.mask = bytearray(LITTLE_ENDIAN_CDR), bytearray(b'\xff' * 4)
+
+    def _append(self, data: bytes, is_constant: bool) -> None:
+        self.data += data
+        self.mask += (b'\xff' if is_constant else b'\x00') * len(data)
+
+    def put(self, code: str, value: float | None = None) -> int:
+        """Append a number of this `struct` code, or leave room for one; returns its offset."""
+        size = struct.calcsize('<' + code)
+        self._append(bytes((4 - len(self.data)) % size), False)
+        self._append(struct.pack('<' + code, value or 0), value is not None)
+        return len(self.data) - size
+
+    def put_string(self, text: str) -> None:
+        """Append a string."""
+        self._append(bytes(-len(self.data) % 4), False)
+        self._append(string(text), True)
+
+
 class JointStateLayout:
     """
     The layout for one joint: ``fields`` are filled with one value, the others left empty.
@@ -31,7 +58,7 @@ class JointStateLayout:
     Where the message has other ``joints`` beside it, theirs are 0, and ignored in what is read.
     ``encode(sec, nanosec, *values)`` returns bytes; ``decode(raw)`` returns
     (sec, nanosec, *values), values in the order of ``fields``, or None when ``raw`` has another
-    layout.
+    layout. ``dtype`` is that of a ``message`` as a record of these values.
     """
 
     def __init__(
@@ -42,67 +69,38 @@ class JointStateLayout:
         joints: Sequence[str] = (),
     ) -> None:
         self.joint, self.frame_id, self.fields = joint, frame_id, tuple(fields)
-        self._joints = tuple(joints) or (joint,)
-        self._message, self._mask = bytearray(), bytearray()
-        self._format: list[str] = []
-        self._pieces: list[Any] = []
-        self._at: list[tuple[int, str]] = []
-        self._written = 0
-        self._lay_out()
-        self.size = len(self._message)
-        self._constant = int.from_bytes(self._message, 'little')
-        self._check = int.from_bytes(self._mask, 'little')
-        self._packed = struct.Struct('<' + ''.join(self._format))
-        self._read = struct.Struct('<' + ''.join(self._format).replace('s', 'x'))
-
-    def _put(self, data: bytes, constant: bool) -> None:
-        self._message += data
-        self._mask += (b'\xff' if constant else b'\x00') * len(data)
-
-    def _align(self, size: int) -> None:
-        self._put(b'\x00' * ((4 - len(self._message)) % size), constant=False)
-
-    def _put_count(self, count: int) -> None:
-        self._align(4)
-        self._put(struct.pack('<I', count), constant=True)
-
-    def _put_string(self, text: str) -> None:
-        self._align(4)
-        self._put(string(text), constant=True)
-
-    def _put_variable(self, code: str) -> None:
-        """Leave room for one value, and pack what came before it as a constant."""
-        constant = bytes(self._message[self._written :])
-        self._at.append((len(self._message), {'I': '<u4', 'd': '<f8'}[code]))
-        self._put(bytes(struct.calcsize('<' + code)), constant=False)
-        self._format += [f'{len(constant)}s', code]
-        self._pieces += [constant, 0]
-        self._written = len(self._message)
-
-    def _lay_out(self) -> None:
-        self._put(LITTLE_ENDIAN_CDR, constant=True)
-        self._put_variable('I')
-        self._put_variable('I')
-        self._put_string(self.frame_id)
-        self._put_count(len(self._joints))
-        for name in self._joints:
-            self._put_string(name)
+        self.joints = tuple(joints) or (joint,)
+        message = CdrWriter()
+        places = [message.put('I'), message.put('I')]
+        message.put_string(frame_id)
+        message.put('I', len(self.joints))
+        for name in self.joints:
+            message.put_string(name)
         for field in FIELDS:
-            filled = field in self.fields
-            self._put_count(len(self._joints) if filled else 0)
-            if filled:
-                self._align(8)
-                self._put_values()
-        trailer = bytes(self._message[self._written :])
-        self._format.append(f'{len(trailer)}s')
-        self._pieces.append(trailer)
-
-    def _put_values(self) -> None:
-        """Leave room for the value of the joint, among those of the others."""
-        at = self._joints.index(self.joint)
-        self._put(bytes(8 * at), constant=False)
-        self._put_variable('d')
-        self._put(bytes(8 * (len(self._joints) - at - 1)), constant=False)
+            values = self.joints if field in fields else ()
+            message.put('I', len(values))
+            places += [message.put('d') for _ in values][self.joints.index(joint) :][:1]
+        self.message, self._mask = bytes(message.data), bytes(message.mask)
+        self._constant = int.from_bytes(self.message, 'little')
+        self._check = int.from_bytes(self._mask, 'little')
+        names, codes = ('sec', 'nanosec', *self.fields), 'II' + 'd' * len(self.fields)
+        self.dtype = np.dtype(
+            {
+                'names': names,
+                'formats': [f'<{code}' for code in codes],
+                'offsets': places,
+                'itemsize': len(self.message),
+            }
+        )
+        form, written = '<', 0
+        self._pieces: list[Any] = []
+        for at, code in zip(places, codes, strict=True):
+            form += f'{at - written}s{code}'
+            self._pieces += [self.message[written:at], 0]
+            written = at + struct.calcsize(code)
+        self._pieces.append(self.message[written:])
+        form += f'{len(self._pieces[-1])}s'
+        self._packed, self._read = struct.Struct(form), struct.Struct(form.replace('s', 'x'))
 
     def encode(self, sec: int, nanosec: int, *values: float) -> bytes:
         """Return the message."""
@@ -113,8 +111,9 @@ class JointStateLayout:
 
     def decode(self, raw: bytes) -> tuple[Any, ...] | None:
         """Return (sec, nanosec, *values), or None for another layout."""
-        if len(raw) < self.size or (
-            int.from_bytes(raw[: self.size], 'little') & self._check != self._constant
+        size = len(self.message)
+        if len(raw) < size or (
+            int.from_bytes(raw[:size], 'little') & self._check != self._constant
         ):
             return None
         return self._read.unpack_from(raw)
@@ -126,24 +125,30 @@ class JointStateLayout:
         ``rows`` of shape (n, size) are the bytes of n messages of one size; what `decode` takes
         for none has meaningless values.
         """
-        count, size = rows.shape
-        if size < self.size:
-            return [np.zeros(count, bool), *np.zeros((len(self._at), count))]
-        front = rows[:, : self.size]
-        mask, message = (np.frombuffer(item, np.uint8) for item in (self._mask, self._message))
+        if rows.shape[1] < len(self.message):
+            return [np.zeros(len(rows), bool), *np.zeros((2 + len(self.fields), len(rows)))]
+        front = np.ascontiguousarray(rows[:, : len(self.message)])
+        mask, message = (np.frombuffer(item, np.uint8) for item in (self._mask, self.message))
+        values = front.view(self.dtype)[:, 0]
         good = (front & mask == message).all(axis=1)
-        return [
-            good,
-            *(
-                front[:, at : at + np.dtype(code).itemsize].copy().view(code)[:, 0]
-                for at, code in self._at
-            ),
-        ]
+        return [good, *(values[name] for name in self.dtype.names or ())]
 
 
-def layout_in(raw: bytes, joint: str) -> JointStateLayout | None:
+def encode_rows(
+    message: bytes, dtype: np.dtype[Any], values: Sequence[np.ndarray], room: int
+) -> np.ndarray:
+    """Return n times ``room`` free bytes and a ``message`` with these values, of its dtype."""
+    rows = np.empty((len(values[0]), room + len(message)), np.uint8)
+    rows[:, room:] = np.frombuffer(message, np.uint8)
+    records = rows[:, room:].view(dtype)[:, 0]
+    for name, value in zip(dtype.names or (), values, strict=True):
+        records[name] = value
+    return rows
+
+
+def layout_in(raw: bytes, joint: str | None = None) -> JointStateLayout | None:
     """
-    Return the layout of any message of a ``joint``, alone or among others; None for no such one.
+    Return the layout of any message of a ``joint``, None for the first; None for no such one.
 
     Each field is to be empty, or to have a value for each joint.
     """
@@ -162,7 +167,8 @@ def layout_in(raw: bytes, joint: str) -> JointStateLayout | None:
                 filled.append(field)
     except (struct.error, UnicodeDecodeError):
         return None
-    layout = JointStateLayout(joint, frame_id, filled, joints) if joint in joints else None
+    wanted = joints[0] if joint is None and joints else joint
+    layout = JointStateLayout(wanted, frame_id, filled, joints) if wanted in joints else None
     return layout if layout and layout.decode(raw) else None
 
 
@@ -204,6 +210,9 @@ def encode_header(sec: int, nanosec: int, frame_id: str) -> bytes:
 def encode_time(sec: int, nanosec: int) -> bytes:
     """Return a rosgraph_msgs/Clock (or a builtin_interfaces/Time)."""
     return LITTLE_ENDIAN_CDR + struct.pack('<II', sec, nanosec)
+
+
+FLOAT64 = np.dtype({'names': ['data'], 'formats': ['<f8'], 'offsets': [4], 'itemsize': 12})
 
 
 def encode_float64(value: float) -> bytes:

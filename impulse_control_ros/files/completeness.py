@@ -69,7 +69,7 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
                     f'the first commands of {change.node} are missing; it started at '
                     f'{seconds(change.stamp)} s'
                 )
-    fired = commands.stamps[commands.told(lambda origin: bool(origin.guard)) > 0]
+    fired = commands.stamps[commands.per_message(lambda origin: bool(origin.guard)) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
         yield f'{missing} {NO_EVENT}'
 

@@ -7,7 +7,6 @@ them all at once. A message whose stamp is 0 has none: it answers no state.
 """
 
 from collections.abc import Callable, Sequence
-import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,9 +22,9 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,
     FIELDS,
+    FLOAT64,
     JointStateLayout,
     layout_in,
-    read_header,
 )
 from impulse_control_ros.files.mcap_reader import Column
 
@@ -49,12 +48,30 @@ WORTH = 256
 Known = tuple[JointStateLayout | None, int]  # with the number of its origin, or NOT_OURS
 
 
+class Source(NamedTuple):
+    """Whose states: those of a ``run``, or of a foreign plant, '', in a ``namespace``."""
+
+    run: str
+    namespace: str
+    joint: str
+
+    @property
+    def name(self) -> str:
+        """The name to choose it by."""
+        return self.run or self.namespace
+
+
 class Origin(NamedTuple):
     """Where messages come from: the namespace of their topic, their joint, and their header."""
 
     namespace: str
     joint: str
     header: StateHeader | CommandHeader
+
+    @property
+    def source(self) -> Source:
+        """Whose the message is, if it is a state."""
+        return Source(self.header.run, self.namespace, self.joint)
 
     @property
     def guard(self) -> str:
@@ -70,7 +87,7 @@ class Origin(NamedTuple):
 
 class Messages(NamedTuple):
     """
-    Messages of a series, shape (n,).
+    Messages of a topic, shape (n,).
 
     ``sent`` is when each was published [ns], ``origin`` the number of its origin in ``origins``.
     """
@@ -91,13 +108,18 @@ class Messages(NamedTuple):
             return self
         return Messages(self.rows[keep], self.sent[keep], self.origin[keep], self.origins)
 
-    def told(self, of: Callable[[Origin], int]) -> np.ndarray:
+    def counts(self) -> list[tuple[Origin, int]]:
+        """Return the number of messages of each origin."""
+        counts = np.bincount(self.origin, minlength=len(self.origins)).tolist()
+        return list(zip(self.origins, counts, strict=True))
+
+    def per_message(self, of: Callable[[Origin], int]) -> np.ndarray:
         """Return what each origin tells."""
         return np.array([*map(of, self.origins), 0], np.int32)[self.origin]
 
-    def of(self, test: Callable[[Origin], bool]) -> 'Messages':
+    def from_origins(self, test: Callable[[Origin], bool]) -> 'Messages':
         """Return those whose origin passes a ``test``."""
-        return self.where(self.told(test).astype(bool))
+        return self.where(self.per_message(test).astype(bool))
 
     def in_order(self, preferred: np.ndarray | None = None) -> 'Messages':
         """Return one of each stamp, by their stamps: the first one sent, or one ``preferred``."""
@@ -108,7 +130,7 @@ class Messages(NamedTuple):
         return ordered.where(np.append(True, np.diff(ordered.stamps) > 0))
 
 
-class Series:
+class JointStateTable:
     """The messages of one topic of ours, as rows of ``kind``; of several joints ``joint``."""
 
     def __init__(self, kind: np.dtype[Any], joint: str) -> None:
@@ -125,7 +147,7 @@ class Series:
         count = len(column.time)
         rows, origin = np.zeros(count, self._kind), np.full(count, NOT_OURS, np.int32)
         for which, content in column.same_size():
-            self._read(namespace, which, content, rows, origin)
+            rows[which], origin[which] = self._read(namespace, content)
         known = origin != NOT_OURS
         if in_place:
             known &= (rows['stamp'] == column.stamp) | (rows['stamp'] == 0)
@@ -133,45 +155,38 @@ class Series:
         self._sent.append(column.stamp[known])
         self._origin.append(origin[known])
 
-    def _read(
-        self,
-        namespace: str,
-        which: np.ndarray,
-        content: np.ndarray,
-        rows: np.ndarray,
-        origin: np.ndarray,
-    ) -> None:
-        """Fill in the ``rows`` and their ``origin`` from messages of one size."""
+    def _read(self, namespace: str, content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows and origins, shape (n,), of messages as bytes, shape (n, size)."""
+        rows = np.zeros(len(content), self._kind)
+        origin = np.full(len(content), NOT_OURS, np.int32)
         layouts = self._layouts.setdefault((namespace, content.shape[1]), [])
-        left, found = np.arange(len(which)), []
-        for known in layouts:
-            if not len(left):
-                break
-            good = self._fill(known, which, content, left, rows, origin)
-            if good.any():
-                found.append(known)
-            left = left[~good]
-        looked_at = 0
+        found: list[Known] = []
+        untried, looked_at = list(layouts), 0
+        left = span = np.arange(len(content))
         while len(left):
-            known = self._known(content[left[0]].tobytes(), namespace)
-            is_worth_it = looked_at <= WORTH * (len(which) - len(left))
-            span = left if is_worth_it else left[:1]
-            looked_at += len(span)
-            good = np.zeros(len(left), bool)
-            good[: len(span)] = self._fill(known, which, content, span, rows, origin)
-            good[0] = True  # what is no message is not looked at again
-            if len(found) < KEPT:
+            if is_new := not untried:
+                known = self._known(content[left[0]].tobytes(), namespace)
+                is_worth_it = looked_at <= WORTH * (len(content) - len(left))
+                span = left if is_worth_it else left[:1]
+                looked_at += len(span)
+            else:
+                known, span = untried.pop(0), left
+            good = self._fill(known, content, span, rows, origin)
+            good[0] |= is_new  # what is no message is not looked at again
+            if good.any() and len(found) < KEPT:
                 found.append(known)
-            left = left[~good]
+            left = np.append(span[~good], left[len(span) :])
         layouts[:] = [*found, *(known for known in layouts if known not in found)][:KEPT]
+        return rows, origin
 
     def _known(self, raw: bytes, namespace: str) -> Known:
         """Return the layout of a message, None for no message, and the number of its origin."""
-        layout, is_ours = layout_in(raw, self._joint), True
-        if layout is None:
-            count, name = first_joint(raw)
-            layout, is_ours = layout_in(raw, name), count == 1
-        if not (layout and is_ours and set(NEEDED[self._kind]) <= set(layout.fields)):
+        layout = layout_in(raw, self._joint) or layout_in(raw)
+        if not (
+            layout
+            and (layout.joint == self._joint or len(layout.joints) == 1)
+            and set(NEEDED[self._kind]) <= set(layout.fields)
+        ):
             return layout, NOT_OURS
         parse = parse_state if self._kind is SAMPLE else parse_command
         origin = Origin(namespace, layout.joint, parse(layout.frame_id))
@@ -185,22 +200,21 @@ class Series:
     def _fill(
         self,
         known: Known,
-        which: np.ndarray,
         content: np.ndarray,
-        left: np.ndarray,
+        span: np.ndarray,
         rows: np.ndarray,
         origin: np.ndarray,
     ) -> np.ndarray:
-        """Return which of those ``left`` have a layout, shape (n,); fills in what they hold."""
+        """Return which messages of a ``span`` have a layout; fills in what they hold."""
         layout, number = known
         if layout is None:
-            return np.zeros(len(left), bool)
+            return np.zeros(len(span), bool)
         good, sec, nanosec, *values = layout.decode_rows(
-            content if len(left) == len(content) else content[left]
+            content if len(span) == len(content) else content[span]
         )
         if number == NOT_OURS or not good.any():
             return good
-        at = which[left[good]]
+        at = span[good]
         origin[at] = number
         rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
         if self._kind is SAMPLE:
@@ -222,11 +236,12 @@ class Series:
         return Messages(rows, sent, origin, self._origins)
 
 
-def first_joint(raw: bytes) -> tuple[int, str]:
-    """Return the number of joints of a JointState, and the name of the first."""
-    at = 17 + len(read_header(raw)[1])
-    at += -at % 4
-    if len(raw) < at + 8:
-        return 0, ''
-    count, size = struct.unpack_from('<II', raw, at)
-    return count, raw[at + 8 : at + 7 + size].decode(errors='replace')
+def damping_rows(column: Column) -> np.ndarray:
+    """Return std_msgs/Float64 messages, which have no stamp: shape (n,), dtype DAMPING."""
+    rows = np.zeros(len(column.stamp), DAMPING)
+    rows['stamp'], rows['damping'] = column.stamp, np.nan
+    for which, content in column.same_size():
+        if content.shape[1] >= FLOAT64.itemsize:
+            raw = np.ascontiguousarray(content[:, : FLOAT64.itemsize])
+            rows['damping'][which] = raw.view(FLOAT64)['data'][:, 0]
+    return rows

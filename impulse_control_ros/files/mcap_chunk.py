@@ -1,16 +1,13 @@
-"""
-Messages on their way into a chunk of an MCAP file: their records, and their indexes.
+"""The messages of an MCAP chunk as arrays: where it ends, its records and its indexes."""
 
-All of it is made as arrays, for thousands of messages at once.
-"""
-
-from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from mcap.opcode import Opcode
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+AHEAD = 9  # bytes of opcode and length, which stand before each record
 CHUNK_SIZE = 512 * 1024
 LARGEST_CHUNK = 1024 * 1024  # where time stands still
 MESSAGE = np.dtype(
@@ -25,7 +22,7 @@ MESSAGE = np.dtype(
 )
 ROOM = MESSAGE.itemsize
 ENTRY = np.dtype([('log_time', '<u8'), ('place', '<u8')])
-AHEAD = 9  # opcode and length, which does not count them
+Indexes = Mapping[int, np.ndarray]  # of dtype ENTRY, by channel
 
 
 class Block(NamedTuple):
@@ -41,113 +38,70 @@ class Block(NamedTuple):
     channel: np.ndarray
     stamp: np.ndarray
 
+    def split(self, count: int) -> tuple['Block', 'Block']:
+        """Return the first ``count`` messages, and the others."""
+        end = self.start[count] if count < len(self.start) else len(self.content)
+        return (
+            Block(self.content[:end], *(column[:count] for column in self[1:])),
+            Block(
+                self.content[end:],
+                self.start[count:] - end,
+                self.channel[count:],
+                self.stamp[count:],
+            ),
+        )
 
-def block_of(stamps: Iterable[int], channels: Iterable[int], data: list[bytes]) -> Block:
+
+def block_of(stamps: Sequence[int], channels: Sequence[int], data: Sequence[bytes]) -> Block:
     """Return the block of some messages."""
     content = np.frombuffer(bytearray(ROOM).join((b'', *data)), np.uint8)
     size = np.fromiter(map(len, data), np.int64, len(data)) + ROOM
     return Block(content, size.cumsum() - size, np.array(channels), np.array(stamps))
 
 
-class OpenChunk:
+def joined(blocks: Sequence[Block]) -> Block:
+    """Return several blocks as one."""
+    if len(blocks) == 1:
+        return blocks[0]
+    contents, starts, channels, stamps = zip(*blocks, strict=True)
+    before = np.cumsum([0, *map(len, contents[:-1])])
+    starts = tuple(start + shift for start, shift in zip(starts, before, strict=True))
+    return Block(*map(np.concatenate, (contents, starts, channels, stamps)))
+
+
+def first_chunk(block: Block, last: int) -> int:
     """
-    The chunk that grows: messages come in, and go on as records.
+    Return how many messages of a block make a chunk, at most all.
 
-    ``counts`` has the number of messages by channel since the start of the file, ``begins`` and
-    ``last`` are the first and the last log time [ns]. ``parts`` are its records, and ``indices``
-    the entries of its message indexes by channel.
+    It ends where it has `CHUNK_SIZE` and time goes on, or else before `LARGEST_CHUNK`. ``last``
+    is the log time before it [ns].
     """
+    full, most = np.searchsorted(block.start, (CHUNK_SIZE, LARGEST_CHUNK), 'right').tolist()
+    if len(block.content) > LARGEST_CHUNK:
+        most = max(full, most - 1)
+    later = np.flatnonzero(block.stamp[full:most] > max(last, int(block.stamp[:full].max())))
+    return int(full + later[0]) if later.size else int(most)
 
-    def __init__(self) -> None:
-        self.counts: dict[int, int] = {}
-        self.begins = self.last = 0
-        self._kept: tuple[list[Any], ...] = [], [], []  # stamps, channels, data
-        self._kept_size = 0
-        self.clear()
 
-    def clear(self) -> None:
-        """Begin another chunk."""
-        self.parts: list[memoryview] = []
-        self.indices: dict[int, list[bytes]] = {}
-        self._size = 0
+def records_of(chunk: Block, last: int, counts: Mapping[int, int]) -> tuple[memoryview, Indexes]:
+    """
+    Return the records of a chunk, and the index of each channel in it.
 
-    def keep(self, messages: Iterable[tuple[int, int, bytes]]) -> bool:
-        """Take (publish time [ns], channel, data); returns whether they fill the chunk."""
-        columns = tuple(zip(*messages, strict=True))
-        for kept, column in zip(self._kept, columns, strict=False):
-            kept.extend(column)
-        if columns:
-            self._kept_size += sum(map(len, columns[2])) + ROOM * len(columns[2])
-        return self._size + self._kept_size > CHUNK_SIZE
-
-    def add_kept(self) -> Iterator[None]:
-        """Do `add` for the messages that were kept."""
-        (stamps, channels, data), self._kept, self._kept_size = self._kept, ([], [], []), 0
-        if data:
-            yield from self.add(block_of(stamps, channels, data))
-
-    def add(self, block: Block) -> Iterator[None]:
-        """
-        Add messages, whose headers are filled in place; the log time never goes back.
-
-        Yields each time that the chunk is full: it is to be written, and cleared.
-        """
-        time = np.maximum(np.maximum.accumulate(block.stamp), self.last)
-        later = np.flatnonzero(np.diff(time, prepend=self.last))
-        end = np.append(block.start[1:], len(block.content))
-        first, count = 0, len(time)
-        while first < count:
-            chunk = block.start[first] - self._size
-            full = np.searchsorted(block.start, chunk + CHUNK_SIZE, 'right')
-            overfull = np.searchsorted(end, chunk + LARGEST_CHUNK, 'right')
-            on_time = later[np.searchsorted(later, full) :][:1]
-            stop = int(min(count, max(full, overfull), *on_time))
-            if first < stop:
-                self._append(block, slice(first, stop), time, end)
-            if stop < count:
-                yield
-            first = stop
-
-    def _append(self, block: Block, part: slice, time: np.ndarray, end: np.ndarray) -> None:
-        """Add a ``part`` of a block, whose messages have a log ``time`` and an ``end``."""
-        start, channels, time = block.start[part], block.channel[part], time[part]
-        head, place = np.empty(len(start), MESSAGE), start - start[0] + self._size
-        head['opcode'], head['length'] = Opcode.MESSAGE, end[part] - start - AHEAD
-        head['channel'], head['log_time'], head['publish_time'] = channels, time, block.stamp[part]
-        for channel in np.flatnonzero(np.bincount(channels)).tolist():
-            ours, before = np.flatnonzero(channels == channel), self.counts[channel]
-            self.counts[channel] += len(ours)
-            head['sequence'][ours] = np.arange(before + 1, self.counts[channel] + 1)
-            entries = np.empty(len(ours), ENTRY)
-            entries['log_time'], entries['place'] = time[ours], place[ours]
-            self.indices.setdefault(channel, []).append(entries.tobytes())
-        sliding_window_view(block.content, ROOM, writeable=True)[start] = head.view(
-            np.uint8
-        ).reshape(-1, ROOM)
-        if not self.parts:
-            self.begins = int(time[0])
-        self.parts.append(block.content[start[0] : end[part.stop - 1]].data)
-        self._size += len(self.parts[-1])
-        self.last = int(time[-1])
-
-    @property
-    def held(self) -> dict[int, int]:
-        """The number of its messages by channel."""
-        return {
-            channel: sum(map(len, index)) // ENTRY.itemsize
-            for channel, index in self.indices.items()
-        }
-
-    @property
-    def count(self) -> int:
-        """The number of messages since the start of the file."""
-        return sum(self.counts.values()) + len(self._kept[0])
-
-    def forget(self) -> bool:
-        """Drop the messages that are in no chunk before it; returns False where there are none."""
-        dropped = bool(self.parts or self._kept[0])
-        for channel, count in self.held.items():
-            self.counts[channel] -= count
-        self._kept, self._kept_size = ([], [], []), 0
-        self.clear()
-        return dropped
+    ``last`` is the log time before it [ns], ``counts`` the messages before it by channel.
+    """
+    start, channels = chunk.start, chunk.channel
+    head, time = np.empty(len(start), MESSAGE), np.maximum.accumulate(chunk.stamp)
+    head['opcode'] = Opcode.MESSAGE
+    head['length'] = np.diff(start, append=len(chunk.content)) - AHEAD
+    head['channel'], head['publish_time'] = channels, chunk.stamp
+    head['log_time'] = np.maximum(time, last)
+    indexes = {}
+    for channel in np.flatnonzero(np.bincount(channels)).tolist():
+        ours = np.flatnonzero(channels == channel)
+        head['sequence'][ours] = np.arange(1, len(ours) + 1) + counts[channel]
+        indexes[channel] = np.empty(len(ours), ENTRY)
+        indexes[channel]['log_time'] = head['log_time'][ours]
+        indexes[channel]['place'] = start[ours]
+    places = sliding_window_view(chunk.content, ROOM, writeable=True)
+    places[start] = head.view(np.uint8).reshape(-1, ROOM)
+    return chunk.content.data, indexes

@@ -1,5 +1,5 @@
 """
-The messages of an MCAP file as arrays: the library finds the chunks, a kernel walks through each.
+The messages of an MCAP file as arrays: the library parses the chunks, a kernel goes through each.
 
 An object for each message costs microseconds; a minute of a 10 kHz series has 1.2 million.
 """
@@ -16,14 +16,14 @@ import zlib
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream, MAGIC_SIZE, StreamReader
+from mcap.stream_reader import get_chunk_data_stream
 import numba
 import numpy as np
 from zstandard import ZstdError
 
 from impulse_control_ros.errors import BagError
+from impulse_control_ros.files.mcap_chunk import AHEAD, MESSAGE as HEADER, ROOM
 from impulse_control_ros.files.mcap_writer import MAGIC
 
 BROKEN = (
@@ -37,18 +37,14 @@ BROKEN = (
     struct.error,
     ZstdError,
 )
-AHEAD = 9  # opcode and length stand before each record
+HEAD = struct.Struct('<BQ')  # opcode and length
 SCHEMA, CHANNEL, MESSAGE = int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)
-DATA_END, FOOTER = struct.Struct('<BQI'), struct.Struct('<QQI')
-BLOCK = 2**20
-HEADER = np.dtype(
-    {
-        'names': ['opcode', 'length', 'channel', 'log_time', 'publish_time'],
-        'formats': ['u1', '<u8', '<u2', '<u8', '<u8'],
-        'offsets': [0, 1, 9, 15, 23],
-        'itemsize': 31,
-    }
-)
+KINDS: dict[int, Any] = {
+    SCHEMA: Schema,
+    CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.CHUNK: Chunk,
+}
 
 
 @contextmanager
@@ -91,112 +87,105 @@ class Cut(NamedTuple):
 Item = Column | Metadata | Schema | Channel | Cut
 
 
+def storage_file(bag: str | Path) -> Path:
+    """Return the MCAP file of a bag folder, or the file itself; raises `BagError`."""
+    if why_not := obstacle(Path(bag)):
+        raise BagError(why_not)
+    return mcap_files(Path(bag))[0]
+
+
+def obstacle(bag: Path) -> str:
+    """Return why `columns` cannot read a bag, '' if it can: it must be, or have, one MCAP file."""
+    if not bag.exists():
+        return f'bag {str(bag)!r} does not exist'
+    files = mcap_files(bag)
+    if len(files) != 1:
+        return f'bag {str(bag)!r} has {len(files)} .mcap files; 1 is expected'
+    with naming(files[0]), files[0].open('rb') as stream:
+        return '' if stream.read(len(MAGIC)) == MAGIC else f'{files[0]}: this is no MCAP file'
+
+
+def mcap_files(bag: Path) -> list[Path]:
+    """Return the MCAP files of a bag: a folder, or a file."""
+    return [bag] if bag.is_file() else sorted(bag.glob('*.mcap'))
+
+
 def columns(path: Path) -> Iterator[Item]:
     """
-    Yield what a file holds, of one that was cut off as far as it goes and then `Cut`.
+    Yield what a `storage_file` holds, of one that was cut off as far as it goes and then `Cut`.
 
-    Raises `BagError` for what is no MCAP file, and for damage in a finished one.
+    Raises `BagError` for damage in a finished one.
     """
     with naming(path), path.open('rb') as stream:
-        if stream.read(MAGIC_SIZE) != MAGIC:
-            raise ValueError('this is no MCAP file')
-        stream.seek(0)
-        reader = make_reader(stream, validate_crcs=True)
-        finished = ends_with_magic(stream)
-        if finished:
-            require_checksums(stream)
-        summary = reader.get_summary() if finished else None
-        if summary is None:
-            yield from in_sequence(stream, finished)
-            return
-        yield from reader.iter_metadata()
-        yield from summary.schemas.values()
-        yield from summary.channels.values()
-        topics = {number: channel.topic for number, channel in summary.channels.items()}
-        for index in sorted(summary.chunk_indexes, key=lambda one: one.chunk_start_offset):
-            stream.seek(index.chunk_start_offset + AHEAD)
-            yield from columns_of(content_of(Chunk.read(ReadDataStream(stream))), topics)
-        if not summary.chunk_indexes:
-            stream.seek(MAGIC_SIZE)
-            yield from columns_of(stream.read()[:-MAGIC_SIZE], topics)
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(len(MAGIC), size - len(MAGIC)))
+        finished = stream.read() == MAGIC
+        read_to = stream.seek(len(MAGIC))
+        topics: dict[int, str] = {}
+        loose = bytearray()  # messages in no chunk
+        try:
+            for opcode, record in records_in(stream, size - len(MAGIC) * finished):
+                if opcode == MESSAGE:
+                    loose += record
+                else:
+                    yield from columns_of(bytes(loose), topics)
+                    loose.clear()
+                    yield from items_of(opcode, record, topics)
+                read_to += len(record)
+        except BROKEN as error:
+            if finished:
+                reason = str(error) or type(error).__name__
+                raise ValueError(f'it is damaged: {reason}') from error
+        if not finished:
+            yield from columns_of(bytes(loose), topics)
+            yield Cut(size - read_to)
 
 
-def ends_with_magic(stream: IO[bytes]) -> bool:
-    """Tell a file that its writer has finished."""
-    stream.seek(max(MAGIC_SIZE, stream.seek(0, os.SEEK_END) - MAGIC_SIZE))
-    return stream.read() == MAGIC
+def records_in(stream: IO[bytes], end: int) -> Iterator[tuple[int, bytes]]:
+    """Yield (opcode, record); raises ValueError for a broken record and for a wrong checksum."""
+    at, checksum = stream.tell(), zlib.crc32(MAGIC)
+    while at < end:
+        record = stream.read(AHEAD)
+        opcode, length = HEAD.unpack(record)
+        if length > end - at - AHEAD:
+            raise ValueError(f'a record is broken at byte {at} of {end}')
+        record += stream.read(length)
+        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            if opcode == Opcode.FOOTER:
+                checksum = zlib.crc32(record[:-4], checksum)
+            # 0 is no checksum
+            if int.from_bytes(record[-4:], 'little') not in (0, checksum):
+                raise ValueError(f'the checksum at byte {at} is another')
+            checksum = 0
+        else:
+            checksum = zlib.crc32(record, checksum)
+        yield opcode, record
+        at += len(record)
 
 
-def require_checksums(stream: IO[bytes]) -> None:
-    """Raise ValueError where a finished file is not what was written; a checksum of 0 is none."""
-    footer = stream.seek(-MAGIC_SIZE - FOOTER.size, os.SEEK_END)
-    summary_start, _, of_summary = FOOTER.unpack(stream.read(FOOTER.size))
-    if not summary_start:
+def items_of(opcode: int, record: bytes, topics: dict[int, str]) -> Iterator[Item]:
+    """Yield what a record holds, if it is of use; a channel is added to ``topics``."""
+    if opcode not in KINDS:
         return
-    data_end = summary_start - DATA_END.size
-    if not MAGIC_SIZE <= data_end < footer:
-        raise ValueError('it is damaged: its footer leads nowhere')
-    stream.seek(data_end)
-    opcode, _, of_data = DATA_END.unpack(stream.read(DATA_END.size))
-    if opcode != Opcode.DATA_END:
-        raise ValueError('it is damaged: no end of data stands where its footer says')
-    for start, end, expected in (
-        (summary_start, footer + FOOTER.size - 4, of_summary),
-        (0, data_end, of_data),
-    ):
-        if expected and checksum_of(stream, start, end) != expected:
-            raise ValueError('it is damaged: its checksum is another')
+    item = KINDS[opcode].read(ReadDataStream(BytesIO(record[AHEAD:])))
+    if isinstance(item, Chunk):
+        content, length = get_chunk_data_stream(item, validate_crc=True)
+        yield from columns_of(content.read(length), topics)
+        return
+    if isinstance(item, Channel):
+        topics[item.id] = item.topic
+    yield item
 
 
-def checksum_of(stream: IO[bytes], start: int, end: int) -> int:
-    """Return the CRC-32 of the bytes from ``start`` to ``end``."""
-    checksum, left = 0, end - stream.seek(start)
-    while left:
-        block = stream.read(min(left, BLOCK))
-        checksum, left = zlib.crc32(block, checksum), left - len(block)
-    return checksum
-
-
-def in_sequence(stream: IO[bytes], finished: bool) -> Iterator[Item]:
-    """Yield the records of a file without an index, or without an end, in their order."""
-    topics: dict[int, str] = {}
-    end = stream.seek(0, os.SEEK_END)
-    read_to = stream.seek(0)
-    try:
-        for record in StreamReader(stream, emit_chunks=True).records:
-            if isinstance(record, Chunk):
-                yield from columns_of(content_of(record), topics)
-            elif isinstance(record, Metadata | Schema | Channel):
-                yield record
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            read_to = stream.tell()
-    except BROKEN:
-        if finished:
-            raise
-    if not finished:
-        yield Cut(end - read_to)
-
-
-def content_of(chunk: Chunk) -> bytes:
-    """Return the records of a chunk; raises ValueError where its checksum is another."""
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
-
-
-def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Column | Schema | Channel]:
+def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Item]:
     """Yield what is among ``records``; its channels are added to ``topics``."""
     content = np.frombuffer(records, np.uint8)
     others, messages, end = walk(content)
     if end != len(content):
         raise ValueError(f'a record is broken at byte {end} of {len(content)}')
-    for at in others:
-        kind = Schema if content[at] == SCHEMA else Channel
-        record = kind.read(ReadDataStream(BytesIO(records[at + AHEAD :])))
-        yield record
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
-    headers = rows_at(content, messages, HEADER.itemsize).view(HEADER).ravel()
+    for at in others.tolist():
+        yield from items_of(records[at], records[at:], topics)
+    headers = rows_at(content, messages, ROOM).view(HEADER).ravel()
     for number in np.unique(headers['channel']):
         ours = headers['channel'] == number
         yield Column(
@@ -204,8 +193,8 @@ def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Column | Sche
             headers['log_time'][ours].astype(np.int64),
             headers['publish_time'][ours].astype(np.int64),
             content,
-            messages[ours] + HEADER.itemsize,
-            headers['length'][ours].astype(np.int64) + AHEAD - HEADER.itemsize,
+            messages[ours] + ROOM,
+            headers['length'][ours].astype(np.int64) + AHEAD - ROOM,
         )
 
 

@@ -6,11 +6,10 @@ changed as ``changed_parameters`` too. The stamp is that of the state that they 
 """
 
 from collections.abc import Callable, Mapping
-import struct
 from typing import Any
 
 from impulse_control_ros.core.parameter import RENAMED
-from impulse_control_ros.files.cdr import LITTLE_ENDIAN_CDR
+from impulse_control_ros.files.cdr import CdrWriter
 
 TYPE = 'rcl_interfaces/msg/ParameterEvent'
 # field of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
@@ -22,53 +21,37 @@ FIELDS = {
     9: 'string_array_value',
 }
 _TYPES = {bool: 1, int: 2, float: 3, str: 4, tuple: 9, list: 9}
-_HEAD = len(LITTLE_ENDIAN_CDR)
 
 
-class _Writer:
-    """CDR in the making; alignment counts from behind the encapsulation."""
-
-    def __init__(self) -> None:
-        self.data = bytearray(LITTLE_ENDIAN_CDR)
-
-    def put(self, code: str, value: float) -> None:
-        size = struct.calcsize('<' + code)
-        self.data += bytes((_HEAD - len(self.data)) % size) + struct.pack('<' + code, value)
-
-    def put_string(self, text: str) -> None:
-        data = text.encode() + b'\x00'
-        self.put('I', len(data))
-        self.data += data
-
-    def put_parameter(self, name: str, value: Any) -> None:
-        kind = _TYPES[type(value)]
-        self.put_string(name)
-        self.put('B', kind)
-        self.put('?', value if kind == 1 else False)
-        self.put('q', value if kind == 2 else 0)
-        self.put('d', value if kind == 3 else 0.0)
-        self.put_string(value if kind == 4 else '')
-        for _ in ('byte', 'bool', 'integer', 'double'):
-            self.put('I', 0)
-        items = value if kind == 9 else ()
-        self.put('I', len(items))
-        for item in items:
-            self.put_string(item)
+def _put_parameter(message: CdrWriter, name: str, value: Any) -> None:
+    kind = _TYPES[type(value)]
+    message.put_string(name)
+    message.put('B', kind)
+    message.put('?', value if kind == 1 else False)
+    message.put('q', value if kind == 2 else 0)
+    message.put('d', value if kind == 3 else 0.0)
+    message.put_string(value if kind == 4 else '')
+    for _ in ('byte', 'bool', 'integer', 'double'):
+        message.put('I', 0)
+    items = value if kind == 9 else ()
+    message.put('I', len(items))
+    for item in items:
+        message.put_string(item)
 
 
 def encode_parameter_event(
     sec: int, nanosec: int, node: str, parameters: Mapping[str, Any], changed: Mapping[str, Any]
 ) -> bytes:
     """Return the event of ``node`` with all its ``parameters``, of which some are ``changed``."""
-    writer = _Writer()
-    writer.put('i', sec)
-    writer.put('I', nanosec)
-    writer.put_string(node)
+    message = CdrWriter()
+    message.put('i', sec)
+    message.put('I', nanosec)
+    message.put_string(node)
     for values in (parameters, changed, {}):
-        writer.put('I', len(values))
+        message.put('I', len(values))
         for name, value in values.items():
-            writer.put_parameter(name, value)
-    return bytes(writer.data)
+            _put_parameter(message, name, value)
+    return bytes(message.data)
 
 
 def decode_parameter_event(

@@ -6,31 +6,31 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Schema
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.core.trajectory import Trajectory
-from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import PACKAGE, ROLES
 from impulse_control_ros.files.completeness import lacking
-from impulse_control_ros.files.damping_series import DampingSeries
 from impulse_control_ros.files.joint_state_arrays import (
     COMMAND,
+    damping_rows,
     IMPULSE,
+    JointStateTable,
     Messages,
     SAMPLE,
-    Series,
 )
-from impulse_control_ros.files.mcap_reader import Column, columns, Item, naming
+from impulse_control_ros.files.mcap_reader import Column, columns, Cut, Item, naming, storage_file
 from impulse_control_ros.files.run_choice import (
     choose,
+    damping_of,
     NO_SOURCE,
     one_run,
     OneRun,
-    placed,
-    Series as AllSeries,
+    Series,
+    state_before,
 )
 from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
 from impulse_control_ros.files.settings import Setting, settings_of, spans
@@ -165,19 +165,6 @@ class Recording(Trajectory):
         return [change for change in self.history if not change.is_plant]
 
 
-def storage_file(bag: str | Path) -> Path:
-    """Return the MCAP file of a bag folder, or the file itself."""
-    path = Path(bag)
-    if path.is_file():
-        return path
-    if not path.exists():
-        raise BagError(f'bag {str(bag)!r} does not exist')
-    found = sorted(path.glob('*.mcap'))
-    if len(found) != 1:
-        raise BagError(f'bag {str(bag)!r} has {len(found)} .mcap files; 1 is expected')
-    return found[0]
-
-
 def read_bag(bag: str | Path, run: str = '') -> Recording:
     """
     Read a bag, of several runs the longest one, or that with the name ``run``.
@@ -187,17 +174,16 @@ def read_bag(bag: str | Path, run: str = '') -> Recording:
     """
     path = storage_file(bag)
     with naming(path):
-        gathered = _Gathered(DEFAULT_JOINT)
+        found = _Gathered(DEFAULT_JOINT)
         for item in columns(path):
-            gathered.add(item)
-            if gathered.parameters.joint != DEFAULT_JOINT:
+            found.add(item)
+            if found.parameters.joint != DEFAULT_JOINT:
                 break
-        else:
-            return gathered.recording(run)
-        gathered = _Gathered(gathered.parameters.joint)
-        for item in columns(path):
-            gathered.add(item)
-        return gathered.recording(run)
+        if found.parameters.joint != DEFAULT_JOINT:  # from the start, for this joint
+            found = _Gathered(found.parameters.joint)
+            for item in columns(path):
+                found.add(item)
+        return found.recording(run)
 
 
 class _Gathered:
@@ -207,55 +193,48 @@ class _Gathered:
         self.parameters = RunParameters()
         self._joint = joint
         self._schemas: dict[int, Schema] = {}
-        self._channels: dict[str, Channel] = {}
-        self._series = {role: Series(kind, joint) for role, kind in KINDS.items()}
-        self._damping = DampingSeries()
+        self._types: dict[str, Schema | None] = {}  # by topic
+        self._series = {role: JointStateTable(kind, joint) for role, kind in KINDS.items()}
+        self._damping: dict[str, list[np.ndarray]] = {}
         self._about: Mapping[str, str] | None = None
-        self._receipt: Mapping[str, str] = {}
+        self._summary: Mapping[str, str] = {}
         self._unread: int | None = None
-        self._roles: dict[str, str] = {}
         self._topics: set[str] = set()
 
     def add(self, item: Item) -> None:
         """Take what a file holds."""
         if isinstance(item, Column):
             self._add_messages(item)
-        elif isinstance(item, Metadata):
-            self._add_metadata(item)
         elif isinstance(item, Schema):
             self._schemas[item.id] = item
         elif isinstance(item, Channel):
-            self._channels[item.topic] = item
-        else:
+            self._types[item.topic] = self._schemas.get(item.schema_id)
+        elif isinstance(item, Cut):
             self._unread = item.unread
-
-    def _add_metadata(self, item: Metadata) -> None:
-        """Take a named record of strings."""
-        if item.name == PACKAGE:
+        elif item.name == PACKAGE:
             self._about = item.metadata
-            self._roles = {item.metadata[role]: role for role in ROLES if role in item.metadata}
         elif item.name == 'recording':
-            self._receipt = item.metadata
+            self._summary = item.metadata
 
     def _add_messages(self, column: Column) -> None:
         """Take the messages of a topic."""
         self._topics.add(column.topic)
         namespace, _, name = column.topic.rpartition('/')
-        role = self._roles.get(column.topic, name)
+        about, schema = self._about or {}, self._types.get(column.topic)
+        role = next((role for role in ROLES if about.get(role) == column.topic), name)
         # our recorder records one plant, whatever its topics are called
         namespace = '/' if self._is_ours else namespace or '/'
-        schema = self._type_of(column.topic)
         kind = schema.name if schema else ''
         if role in KINDS and kind == JOINT_STATE:
             self._series[role].add(column, namespace, in_place=self._is_ours)
         elif role == DAMPING and kind == FLOAT64:
-            self._damping.add(column, namespace)
+            self._damping.setdefault(namespace, []).append(damping_rows(column))
         elif role == RUN_PARAMETERS and kind == SERIES[RUN_PARAMETERS]:
             self.parameters.add(column, namespace, schema)
 
     def recording(self, name: str) -> Recording:
         """Return the run with that ``name``, '' for any, as a whole."""
-        every = AllSeries(*(self._series[role].messages() for role in KINDS))
+        every = Series(*(self._series[role].messages() for role in KINDS))
         every = every._replace(states=every.states.where(every.states.stamps > 0))
         run = self._about.get('run', '') if self._about is not None else None
         source = choose(every.states, self._joint, run, name)
@@ -278,11 +257,11 @@ class _Gathered:
             states=states.rows,
             commands=commands.rows,
             impulses=impulses.rows,
-            withdrawn=withdrawn if self._is_ours else placed(states, withdrawn),
-            damping=self._damping.of(found, self._is_ours),
+            withdrawn=withdrawn if self._is_ours else state_before(states, withdrawn),
+            damping=damping_of(found, self._damping, self._is_ours),
             history=changes,
             version=(self._about or {}).get('version', ''),
-            recording_summary=self._receipt,
+            recording_summary=self._summary,
             unread=self._unread,
             lacks=lacking(found, changes),
         )
@@ -294,12 +273,8 @@ class _Gathered:
 
     def _typed(self, topic: str) -> str:
         """Return a topic with its type, where that is known."""
-        kind = self._type_of(topic)
-        return f'{topic} ({kind.name})' if kind else topic
-
-    def _type_of(self, topic: str) -> Schema | None:
-        channel = self._channels.get(topic)
-        return self._schemas.get(channel.schema_id) if channel else None
+        schema = self._types.get(topic)
+        return f'{topic} ({schema.name})' if schema else topic
 
 
 def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
@@ -310,7 +285,7 @@ def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
     with; where the bag does not have them, it is the one that names no controller.
     """
     is_reset, header = states.rows['is_reset'], states.origins[states.origin[0]].header
-    is_reset[1:] = np.diff(states.told(lambda origin: origin.header.episode)) != 0
+    is_reset[1:] = np.diff(states.per_message(lambda origin: origin.header.episode)) != 0
     # a plant that waits for the wall clock tells its parameters again at its start
     starts = {change.stamp for change in changes if change.is_plant and change.anew}
     is_reset[0] = states.stamps[0] in starts if starts else header == StateHeader(header.run)

@@ -4,7 +4,7 @@ The messages of a run from its samples, in the order and to the bytes that our n
 They are made in bulk: rows of bytes for each layout that occurs, and each row put at its place.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,9 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,
     encode_float64,
+    encode_rows,
     FIELDS,
+    FLOAT64,
     JointStateLayout,
     WITHOUT_VELOCITY,
 )
@@ -30,7 +32,6 @@ from impulse_control_ros.files.topics import (
 
 ORDER = (JOINT_STATES, IMPULSE_EVENTS, JOINT_COMMANDS, DAMPING)  # of the messages of a sample
 STATES, EVENTS, COMMANDS, DAMPINGS = range(4)
-FLOAT64_AT = [(4, '<f8')]
 
 
 class Rows(NamedTuple):
@@ -40,25 +41,13 @@ class Rows(NamedTuple):
     which: np.ndarray
     content: np.ndarray
 
-
-class RowLayout(JointStateLayout):
-    """A layout that writes many messages at once."""
-
-    def encode_rows(self, *values: np.ndarray) -> np.ndarray:
-        """Do `encode` for n messages: shape (n, ROOM + size), each behind `ROOM` free bytes."""
-        return filled(self._message, self._at, values)
-
-
-def filled(
-    message: bytes | bytearray, places: Sequence[tuple[int, str]], values: Sequence[np.ndarray]
-) -> np.ndarray:
-    """Return n times `ROOM` free bytes and the ``message``, with ``values`` at their places."""
-    rows = np.empty((len(values[0]), ROOM + len(message)), np.uint8)
-    rows[:, ROOM:] = np.frombuffer(message, np.uint8)
-    for (at, code), value in zip(places, values, strict=True):
-        size = np.dtype(code).itemsize
-        rows[:, ROOM + at : ROOM + at + size].view(code)[:, 0] = value
-    return rows
+    @classmethod
+    def of(
+        cls, topic: int, which: np.ndarray, layout: JointStateLayout, values: Iterable[np.ndarray]
+    ) -> 'Rows':
+        """Return the messages of ``which`` samples, from the ``values`` of all."""
+        chosen = [value[which] for value in values]
+        return cls(topic, which, encode_rows(layout.message, layout.dtype, chosen, ROOM))
 
 
 def placed(rows: Sequence[Rows], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,13 +90,13 @@ class RunMessages:
         self._damping_every = damping_every if DAMPING in channels else 0
         unanswered = header._replace(controller='')
         self._states = {
-            (is_first, is_bare): RowLayout(joint, one.frame_id, fields)
+            (is_first, is_bare): JointStateLayout(joint, one.frame_id, fields)
             for is_first, one in ((True, unanswered), (False, header))
             for is_bare, fields in ((True, WITHOUT_VELOCITY), (False, FIELDS))
         }
         frame_ids = [CommandHeader(*header, guard).frame_id for guard in GUARDS]
-        self._events = [RowLayout(joint, frame_id) for frame_id in frame_ids]
-        self._commands = [RowLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
+        self._events = [JointStateLayout(joint, frame_id) for frame_id in frame_ids]
+        self._commands = [JointStateLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
 
     def block(self, states: np.ndarray, answers: np.ndarray) -> Block:
         """Return the messages of samples: states as measured, dtype STATE, and their ANSWERs."""
@@ -127,7 +116,7 @@ class RunMessages:
         for (is_first, is_bare), layout in self._states.items():
             which = np.flatnonzero((first == is_first) & (bare == is_bare))
             values = *time, *(states[name] for name in layout.fields)
-            yield Rows(STATES, which, layout.encode_rows(*(one[which] for one in values)))
+            yield Rows.of(STATES, which, layout, values)
 
     def _answer_rows(
         self, states: np.ndarray, answers: np.ndarray, time: tuple[Any, Any]
@@ -141,17 +130,14 @@ class RunMessages:
         )
         for guard in np.unique(answers['guard']):
             which = np.flatnonzero(answers['guard'] == guard)
-            sec, nanosec, effort, *impulse = (one[which] for one in values)
-            yield Rows(COMMANDS, which, self._commands[guard].encode_rows(sec, nanosec, effort))
+            yield Rows.of(COMMANDS, which, self._commands[guard], values[:3])
             if guard != NO_IMPULSE:
-                yield Rows(EVENTS, which, self._events[guard].encode_rows(sec, nanosec, *impulse))
+                impulse = *time, *values[3:]
+                yield Rows.of(EVENTS, which, self._events[guard], impulse)
 
     def _damping_rows(self, states: np.ndarray) -> Iterator[Rows]:
         if self._damping_every:
             due = (states['tick'] % self._damping_every == 0) & (states['tick'] > 0)
             which = np.flatnonzero(due)
-            yield Rows(
-                DAMPINGS,
-                which,
-                filled(encode_float64(0.0), FLOAT64_AT, [states['damping'][which]]),
-            )
+            values = [states['damping'][which]]
+            yield Rows(DAMPINGS, which, encode_rows(encode_float64(0.0), FLOAT64, values, ROOM))

@@ -21,13 +21,17 @@ class Change(NamedTuple):
     Parameters of the node ``node_id`` that act from the state of ``stamp`` [ns] on.
 
     A controller answers this state with them, and a plant steps on from it. ``values`` are all
-    of the node by name, and ``changed`` those that were set then.
+    of the node by name, and ``changed`` those that were set then. The message was ``logged`` [ns]
+    in a ``namespace``, and is of a ``run``, '' beside a foreign plant.
     """
 
     stamp: int
     node_id: str
     values: dict[str, Any]
     changed: dict[str, Any]
+    run: str
+    namespace: str
+    logged: int
 
     @property
     def node(self) -> str:
@@ -45,21 +49,12 @@ class Change(NamedTuple):
         return not self.changed
 
 
-class Told(NamedTuple):
-    """A change as it was told: in a ``namespace``, of a ``run``, '' beside a foreign plant."""
-
-    namespace: str
-    run: str
-    time: int
-    change: Change
-
-
 class RunParameters:
     """What all nodes of a bag tell of their parameters."""
 
     def __init__(self) -> None:
         self._joints: dict[bool, str] = {}  # of the first node in a run of ours, and beside none
-        self._told: dict[bytes, Told] = {}  # once each, however often it came
+        self._changes: dict[bytes, Change] = {}  # once each, however often it came
         self._decoders = DecoderFactory()
 
     def add(self, column: Column, namespace: str, schema: Schema | None) -> None:
@@ -79,8 +74,9 @@ class RunParameters:
             raw = column.content[at : at + size].tobytes()
             sec, nanosec, node, values, changed = decode_parameter_event(raw, decode)
             run, node_id = parse_node(node)
-            change = Change(sec * SECOND + nanosec, node_id, values, changed)
-            self._told.setdefault(raw, Told(namespace, run, int(time), change))
+            stamp = sec * SECOND + nanosec
+            change = Change(stamp, node_id, values, changed, run, namespace, int(time))
+            self._changes.setdefault(raw, change)
             joint = values.get('joint_name')
             if isinstance(joint, str):
                 self._joints.setdefault(not run, joint)
@@ -92,10 +88,11 @@ class RunParameters:
 
     def changes(self, run: str, namespace: str) -> list[Change]:
         """Return those of a run, by their stamps; of a foreign plant those in its namespace."""
-        told = [one for one in self._told.values() if one.run == run]
-        if not run and any(one.namespace == namespace for one in told):
-            told = [one for one in told if one.namespace == namespace]
-        return [one.change for one in sorted(told, key=lambda one: (one.change.stamp, one.time))]
+        changes = [one for one in self._changes.values() if one.run == run]
+        near = [one for one in changes if one.namespace == namespace]
+        return sorted(
+            near if near and not run else changes, key=lambda one: (one.stamp, one.logged)
+        )
 
 
 def acting(changes: Sequence[Change], commands: Messages) -> list[Change]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import struct
 from typing import Any, NamedTuple
 
-from impulse_control_ros.core.protocol import FOREIGN, parse_command
+from impulse_control_ros.core.protocol import ENDLESS, FOREIGN, parse_command
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import read_header, string
 
@@ -74,13 +74,9 @@ class AnswerQueue:
         found = self.waiting.get(stamp)
         if stamp <= done or (found and any(one.author == author for one in found)):
             return 'repeated', stamp
-        answer, self.begun = Answer(author, sender.guard, raw), True
-        if found is None:
-            self.waiting[stamp] = [answer]
-        else:
-            found.append(answer)
-        if stamp > self._latest.get(author, 0):
-            self._latest[author] = stamp
+        self.begun = True
+        self.waiting.setdefault(stamp, []).append(Answer(author, sender.guard, raw))
+        self._latest[author] = max(stamp, self._latest.get(author, 0))
         return '', stamp
 
     def find(self, stamp: int, author: str) -> tuple[Answer | None, bool]:
@@ -125,15 +121,13 @@ class UnstampedQueue:
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, bytes]] = []  # time [ns], channel, message
-        self._times: list[int] = []
-        self._stamps: list[int] = []
+        self._states: list[tuple[int, int]] = []  # time, stamp
 
     def add_state(self, time: int, stamp: int) -> None:
         """Note the publish time [ns] of a state."""
-        self._times.append(time)
-        self._stamps.append(stamp)
-        if len(self._times) > 2 * KEPT:
-            del self._times[:-KEPT], self._stamps[:-KEPT]
+        self._states.append((time, stamp))
+        if len(self._states) > 2 * KEPT:
+            del self._states[:-KEPT]
 
     def add(self, time: int, channel: int, raw: bytes) -> None:
         """Take a message that was published at ``time`` [ns]."""
@@ -141,12 +135,12 @@ class UnstampedQueue:
 
     def placed(self, everything: bool) -> list[Entry]:
         """Return messages before the newest state, or ``everything``, with their place."""
-        times, stamps = self._times, self._stamps
-        waiting, self._waiting = self._waiting, []
+        states, waiting, self._waiting = self._states, self._waiting, []
         found = []
         for time, channel, raw in waiting:
-            if times and (everything or time < times[-1]):
-                found.append((stamps[max(0, bisect(times, time) - 1)], channel, raw))
+            if states and (everything or time < states[-1][0]):
+                before = max(0, bisect(states, (time, ENDLESS)) - 1)
+                found.append((states[before][1], channel, raw))
             else:
                 self._waiting.append((time, channel, raw))
         return found

@@ -25,8 +25,8 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.experiment import cpu_core_parameter
+from impulse_control_ros.files.mcap_reader import storage_file
 from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
-from impulse_control_ros.files.recording import storage_file
 from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node

@@ -9,7 +9,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import get_chunk_data_stream, StreamReader
 import pytest
 
-from impulse_control_ros.files import mcap_chunk
+from impulse_control_ros.files import mcap_chunk, mcap_writer
 from impulse_control_ros.files.mcap_chunk import block_of
 from impulse_control_ros.files.mcap_writer import McapFile
 
@@ -57,9 +57,8 @@ def messages_in(content):
 
 def begun(folder):
     file = McapFile(folder / 'run.mcap', 'test', 'none')
-    schema = file.add_schema('std_msgs/msg/Float64', 'float64 data')
     for number in range(CHANNELS):
-        file.add_channel(f'/{number}', schema, {})
+        file.add_channel(f'/{number}', 'std_msgs/msg/Float64', 'float64 data', {})
     return file
 
 
@@ -76,7 +75,8 @@ def test_chunks_are_the_same_however_the_messages_come(tmp_path_factory, message
         for k, (stamp, channel, size) in enumerate(messages)
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mcap_chunk, 'CHUNK_SIZE', SMALL)
+        for module in (mcap_chunk, mcap_writer):
+            patch.setattr(module, 'CHUNK_SIZE', SMALL)
         patch.setattr(mcap_chunk, 'LARGEST_CHUNK', LARGEST)
         folder = Path(tmp_path_factory.mktemp('chunks'))
         file, done = begun(folder), 0
