@@ -2,6 +2,7 @@
 
 from contextlib import redirect_stderr, redirect_stdout
 import csv
+from dataclasses import replace
 from io import StringIO
 import json
 import re
@@ -138,14 +139,8 @@ def stepped(tmp_path):
     """Return a bag whose set-point goes from 0 to 0.2 m at 0.5 s, and the runs in it."""
     made = experiment('underdamped')
     first = simulate(made.plant, made.gains, 0.5)
-    axis = type(made.plant)(
-        **{name: getattr(made.plant, name) for name in made.plant.__dataclass_fields__}
-        | {'x_0': float(first.position[-1]), 'v_0': float(first.velocity[-1])}
-    )
-    gains = type(made.gains)(
-        **{name: getattr(made.gains, name) for name in made.gains.__dataclass_fields__}
-        | {'x_r': 0.2}
-    )
+    axis = replace(made.plant, x_0=float(first.position[-1]), v_0=float(first.velocity[-1]))
+    gains = replace(made.gains, x_r=0.2)
     second = simulate(axis, gains, 0.7)
     writer = begun(tmp_path / 'stepped', made)
     writer.write(entry for entry in entries(first) if entry[0] < START + 500_000_000)
