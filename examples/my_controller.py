@@ -2,7 +2,7 @@
 A PD controller of your own, which imports nothing of impulse_control_ros.
 
 plant_simulator waits for a command with the stamp of its newest state. This node sends one for
-each state. Start it after:
+each state. Start the plant first, then this file:
 ros2 run impulse_control_ros plant_simulator --ros-args -p F_c:=0.0 -p duration:=5.0
 """
 

@@ -38,6 +38,8 @@ class Plant:
         self.recorder = graph.start(
             'recorder', config=CONFIG, bag=self.bag, topics=['/controller/transition_event']
         )
+        # a busy machine may stop the axis for longer than the 0.1 s of the example
+        controller = {'state_timeout': 30.0} | controller
         self.controller = graph.start('controller', config=CONFIG, lifecycle=True, **controller)
         self.axis = graph.start('python', EXAMPLE / 'axis.py')
         client.spin_until(lambda: len(self._raw) > 100, 'states')
