@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from impulse_control_ros import errors
     from impulse_control_ros.core import metrics
     from impulse_control_ros.core.batch import simulate_batch
+    from impulse_control_ros.core.check import check_run
     from impulse_control_ros.core.control_gains import ControlGains
     from impulse_control_ros.core.damping import Damping
     from impulse_control_ros.core.design import check_gains
@@ -40,6 +41,7 @@ __all__ = [
     'Solution',
     'Stribeck',
     'check_gains',
+    'check_run',
     'errors',
     'load_experiment',
     'metrics',
@@ -53,6 +55,7 @@ _HOMES = {
     for module, names in {
         'errors': 'errors',
         'core.batch': 'simulate_batch',
+        'core.check': 'check_run',
         'core.control_gains': 'ControlGains',
         'core.damping': 'Damping',
         'core.design': 'check_gains',

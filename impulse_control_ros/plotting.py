@@ -19,6 +19,13 @@ MARKS: dict[str, dict[str, Any]] = {
     'sticking': {'color': '#E69F00', 'marker': 's', 'label': 'impulse while sticking'},
 }
 PANELS = {'position': POSITION, 'velocity': VELOCITY, 'effort': EFFORT}
+SET_POINT: dict[str, Any] = {
+    'label': 'set-point',
+    'color': '0.5',
+    'linestyle': '--',
+    'drawstyle': 'steps-post',
+    'zorder': 0,
+}
 MANY = 5000  # markers of a kind; more are drawn as pixels
 
 
@@ -26,24 +33,18 @@ def plot(motion: Trajectory, axes: Mapping[str, Axes] | None, label: str) -> dic
     """Draw a trajectory, see `Trajectory.plot`, into new axes where there are none."""
     panels = dict(axes) if axes is not None else new_panels()
     impulses = motion.impulse_samples()
-    for name in PANELS:
+    for name in [one for one in PANELS if one in panels]:
         values = getattr(motion, name)
         style = 'steps-post' if name == 'effort' else 'default'
         panels[name].plot(motion.time, values, drawstyle=style, label=label or None)
         mark_impulses(panels[name], motion.time, values, *impulses)
-    panels['position'].plot(
-        motion.time,
-        motion.set_point,
-        color='0.5',
-        linestyle='--',
-        drawstyle='steps-post',
-        zorder=0,
-        label='set-point',
-    )
-    panels['phase'].plot(motion.position, motion.velocity)
-    mark_impulses(panels['phase'], motion.position, motion.velocity, *impulses)
-    entries = legend_entries(panels['position'])
-    panels['position'].legend(entries.values(), entries.keys(), loc='upper right')
+    if 'position' in panels:
+        panels['position'].plot(motion.time, motion.set_point, **SET_POINT)
+        entries = legend_entries(panels['position'])
+        panels['position'].legend(entries.values(), entries.keys(), loc='upper right')
+    if 'phase' in panels:
+        panels['phase'].plot(motion.position, motion.velocity)
+        mark_impulses(panels['phase'], motion.position, motion.velocity, *impulses)
     return panels
 
 

@@ -22,6 +22,7 @@ cover is taken alone. Runs with hardware or options go one after another, a tent
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+import math
 from typing import Any
 
 import numba
@@ -55,6 +56,7 @@ from impulse_control_ros.core.metrics import (
     Sums,
 )
 from impulse_control_ros.core.nonidealities import begin, HARDWARE_STATE
+from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import DIVERGED, long_step, Plant, short_step
 from impulse_control_ros.core.plant_step import PlantState
 from impulse_control_ros.core.simulate import steps_of
@@ -112,6 +114,7 @@ def simulate_batch(
     names and values of ``varied`` that are not allowed, before anything runs.
     """
     steps = steps_of(plant, gains, duration)
+    require_tolerances(tolerances)
     sides = columns(varied)
     runs = len(next(iter((sides[0] | sides[1]).values())))
     wanted = np.asarray(tolerances, float)
@@ -125,6 +128,12 @@ def simulate_batch(
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         list(pool.map(task, range(0, runs, TASK)))
     return figures
+
+
+def require_tolerances(tolerances: Sequence[float]) -> None:
+    """Raise `ParameterError` unless there are tolerances [m], all positive and finite."""
+    if not len(tolerances) or any(not 0.0 < item < math.inf for item in tolerances):
+        raise refusal('tolerances', list(tolerances), 'a list of numbers > 0 [m]')
 
 
 def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:

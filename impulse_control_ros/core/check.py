@@ -25,6 +25,7 @@ from impulse_control_ros.core.check_motion import check_motion, Errors
 from impulse_control_ros.core.check_report import (
     bounded,
     Check,
+    finite,
     LoopSamples,
     per_sample,
     Plants,
@@ -39,6 +40,11 @@ from impulse_control_ros.core.simulate import Run
 def check_run(run: Run, plant: Plant, gains: ControlGains) -> Report:
     """Check a run of `simulate`: the motion of its true states, the answers to the measured."""
     count = len(run.time)
+    signals = [
+        finite(name, getattr(run, name)) for name in ('position', 'velocity', 'effort', 'applied')
+    ]
+    if any(check.violations for check in signals):
+        return Report(checks=signals, time=run.time)
     guard, area, first = np.zeros(count, int), np.zeros(count), np.zeros(count, bool)
     guard[run.events['tick']], area[run.events['tick']] = run.events['guard'], run.events['area']
     first[0] = True

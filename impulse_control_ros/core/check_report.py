@@ -148,6 +148,21 @@ def bounded(
     return found(name, unit, made, wrong, (samples, value, nearest, tolerance), note)
 
 
+def finite(name: str, values: np.ndarray, samples: np.ndarray | None = None) -> Check:
+    """Check that the values of all, or of some, ``samples`` are finite, shape (k,)."""
+    count = len(values)
+    samples = np.arange(count) if samples is None else samples
+    expected, tolerance = np.full(count, 'finite'), np.zeros(count)
+    return found(
+        name,
+        '',
+        np.ones(count, bool),
+        ~np.isfinite(values),
+        (samples, values, expected, tolerance),
+        '',
+    )
+
+
 def found(
     name: str,
     unit: str,

@@ -42,6 +42,7 @@ from impulse_control_ros.core.flow import crossing, first_zero, flow
 from impulse_control_ros.core.jit import sign
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.tick import require_duration
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import ParameterError
 
@@ -314,8 +315,7 @@ def solve(
     ``breaks[i]`` [s], shape (n,), ascending; without ``dampings`` the plant's constant one.
     Raises `ParameterError` for values that make no such motion.
     """
-    if not 0.0 < duration < math.inf:
-        raise refusal('duration', duration, '> 0 and finite [s]')
+    require_duration(duration)
     if not plant.is_ideal:
         raise ParameterError(
             'the plant must be an ideal one: no sensor, actuator, payload, disturbance and F_s'

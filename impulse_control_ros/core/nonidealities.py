@@ -37,7 +37,7 @@ from impulse_control_ros.core.jit import compiled
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 
 VELOCITIES = ('ideal', 'difference', 'none')
-IDEAL, DIFFERENCE, NONE = range(3)
+_, DIFFERENCE, NONE = range(3)
 FORCES = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_DELAY = 1000

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 from functools import cache
-import math
 from operator import attrgetter
 from typing import Any, cast, ClassVar, NamedTuple, TypeVar
 
@@ -76,20 +75,19 @@ class Spec:
             text = 'finite' if kind is float else TYPES[kind]
         return text + (f', {self.reference}' if self.reference else '')
 
-    def contains(self, value: Any) -> bool:
-        """Tell whether the bounds and choices admit ``value``."""
+    def contains(self, values: Any) -> np.ndarray:
+        """Return whether bounds and choices admit a value, or each of an array: bools."""
+        values = np.asarray(values)
         if self.choices:
-            return value in self.choices
-        if isinstance(value, float) and not math.isfinite(value):
-            return False
-        if self.lower is not None and (
-            value < self.lower or (self.open_lower and value == self.lower)
-        ):
-            return False
-        return not (
-            self.upper is not None
-            and (value > self.upper or (self.open_upper and value == self.upper))
-        )
+            return np.isin(values, self.choices)
+        admitted = np.isfinite(values) if values.dtype.kind == 'f' else np.array(True)
+        if self.lower is not None:
+            above = values > self.lower if self.open_lower else values >= self.lower
+            admitted = admitted & above
+        if self.upper is not None:
+            below = values < self.upper if self.open_upper else values <= self.upper
+            admitted = admitted & below
+        return admitted
 
 
 def parameter(default: Any, unit: str, description: str, **spec: Any) -> Any:
@@ -113,9 +111,21 @@ class Parameters:
     prefix: ClassVar[str] = ''
     RULES: ClassVar[tuple['Rule', ...]] = ()
 
+    def __new__(cls, **values: Any) -> 'Parameters':
+        """Raise `ParameterError` for an unknown name."""
+        known = [item.name for item in fields(cls)]
+        for name, value in values.items():
+            if name not in known:
+                raise unknown(name, value, known)
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         for name, default, spec in declared(type(self), nested=False):
             object.__setattr__(self, name, converted(name, getattr(self, name), default, spec))
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.default is MISSING and not isinstance(value, nested_kind(item)):
+                raise refusal(item.name, value, f'of class {nested_kind(item).__name__}')
         if self.RULES:
             require_rules(type(self), self.flat(), nested=False)
         self.check()
@@ -255,6 +265,7 @@ def refusal(name: str, value: Any, allowed: str) -> ParameterError:
 def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:
     """Return ``value`` with the type of ``default``, or raise `ParameterError`."""
     kind = type(default)
+    value = value.item() if isinstance(value, np.generic) else value
     unit = f' [{spec.unit}]' if spec.unit else ''
     if kind is float and type(value) is int:
         value = float(value)
@@ -266,6 +277,6 @@ def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:
         value = tuple(value)
     if type(value) is not kind:
         raise refusal(name, value, TYPES[kind] + unit)
-    if not spec.contains(value):
+    if not spec.contains(value).all():
         raise refusal(name, value, spec.allowed(kind) + unit)
     return value

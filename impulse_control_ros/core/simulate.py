@@ -9,7 +9,7 @@ from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
-from impulse_control_ros.core.tick import ticks
+from impulse_control_ros.core.tick import require_duration, ticks
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import DivergedError
 
@@ -60,9 +60,10 @@ def steps_of(plant: Plant, gains: ControlGains, duration: float) -> int:
     """
     if plant.time_step != gains.time_step:
         raise refusal('time_step', gains.time_step, f'that of the axis, {plant.time_step:g} [s]')
+    require_duration(duration)
     steps = ticks(duration, plant.time_step)
     if not steps > 0:
-        raise refusal('duration', duration, f'> {plant.time_step:g} [s]')
+        raise refusal('duration', duration, f'>= {plant.time_step:g} [s]')
     return steps
 
 

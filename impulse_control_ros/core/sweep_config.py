@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.batch import figures_of, LANES
+from impulse_control_ros.core.batch import figures_of, LANES, require_tolerances
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.distributions import Distribution, SUITED
 from impulse_control_ros.core.metric_catalogue import METRICS, settling, sweep_metrics, TOLERANCES
@@ -73,8 +73,7 @@ class SweepConfig:
     def __post_init__(self) -> None:
         if not self.vary:
             raise refusal('vary', dict(self.vary), 'at least one parameter with its distribution')
-        if not self.tolerances or any(not 0.0 < item < math.inf for item in self.tolerances):
-            raise refusal('tolerances', list(self.tolerances), 'a list of numbers > 0 [m]')
+        require_tolerances(self.tolerances)
         self._require_laws()
         if self.extent.runs > 1 and all(
             distribution.is_axis for distribution in self.vary.values()

@@ -12,6 +12,8 @@ dt in nanoseconds     step_ns                ns
 Sums of ``dt`` and ``int(k * dt * 1e9)`` lose nanoseconds; integers do not.
 """
 
+import math
+
 from impulse_control_ros.core.parameter import refusal
 
 SECOND = 1_000_000_000
@@ -33,6 +35,12 @@ def stamp(tick: int, start_ns: int, step_ns: int) -> tuple[int, int]:
 def ticks(duration: float, time_step: float) -> int:
     """Return the number of steps in ``duration`` seconds, rounded to the nearest."""
     return round(duration / time_step)
+
+
+def require_duration(duration: float) -> None:
+    """Raise `ParameterError` unless ``duration`` [s] is positive and finite."""
+    if not 0.0 < duration < math.inf:
+        raise refusal('duration', duration, '> 0 and finite [s]')
 
 
 def samples_between(rate: float, time_step: float) -> int:

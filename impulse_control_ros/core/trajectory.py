@@ -73,8 +73,8 @@ class Trajectory:
         Plot position with set-point, velocity and effort over time, and the phase portrait.
 
         Markers show the impulses by their guard. Returns the matplotlib axes by name: position,
-        velocity, effort, phase. Given the ``axes`` of another plot, draws into these; ``label``
-        names the curve in the legend. Raises `MissingPackageError` without matplotlib.
+        velocity, effort, phase. ``axes`` by some of these names are drawn into; ``label`` names
+        the curve in the legend. Raises `MissingPackageError` without matplotlib.
         """
         return _optional('impulse_control_ros.plotting').plot(self, axes, label)
 

@@ -138,17 +138,10 @@ def found(name: str) -> tuple[str, str, Any, Spec]:
 
 def checked(name: str, array: np.ndarray, default: Any, spec: Spec) -> np.ndarray:
     """Return ``array`` with the type of ``default``; refuse its first wrong value by its row."""
-    if array.dtype.kind not in ARRAY_KINDS[type(default)]:
-        wrong = 0
-    else:
+    wrong = 0
+    if array.dtype.kind in ARRAY_KINDS[type(default)]:
         array = array.astype(float) if type(default) is float else array
-        admitted = np.isin(array, spec.choices) if spec.choices else np.ones(len(array), bool)
-        if array.dtype.kind == 'f':
-            admitted &= np.isfinite(array)
-        if spec.lower is not None:
-            admitted &= array > spec.lower if spec.open_lower else array >= spec.lower
-        if spec.upper is not None:
-            admitted &= array < spec.upper if spec.open_upper else array <= spec.upper
+        admitted = spec.contains(array)
         if admitted.all():
             return array
         wrong = int(np.argmin(admitted))

@@ -259,3 +259,15 @@ def test_samples_that_are_missing_are_no_violation(options):
     assert violated(part, gains=gains) == []
     checks = check_commands(part, gains)
     assert all('follow unknown' in check.note for check in checks if 'missed' in check.name)
+
+
+@pytest.mark.parametrize('signal', ['position', 'velocity', 'effort', 'applied'])
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_signal_that_is_not_finite_is_a_violation(signal, value):
+    plant, gains = Plant(), ControlGains()
+    run = simulate(plant, gains, 0.01)
+    values = getattr(run, signal).copy()
+    values[50] = value
+    report = check_run(replace(run, **{signal: values}), plant, gains)
+    assert report.violated == [signal]
+    assert 'first at 0.005 s' in str(report)

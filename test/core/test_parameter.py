@@ -2,12 +2,15 @@
 
 from dataclasses import FrozenInstanceError
 
+import numpy as np
 import pytest
 
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.hybrid import solve
 from impulse_control_ros.core.parameter import build, declared, RENAMED
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.parameter_file import load_experiment
@@ -87,3 +90,31 @@ def test_a_former_name_is_refused_with_the_present_one(old, new):
     with pytest.raises(ParameterError, match=f'-p {old}:=1: .*its name is now {new}$'):
         load_experiment(rules=[f'{old}:=1'])
     assert new in ControllerParameters().flat()
+
+
+def test_a_former_or_unknown_name_is_refused_by_the_class_too():
+    with pytest.raises(ParameterError, match='lead = 0.5: .*its name is now guard_lookahead'):
+        ControlGains(lead=0.5)
+    with pytest.raises(ParameterError, match='dampng = 1: .*is damping meant'):
+        Plant(dampng=1)
+
+
+def test_a_nested_set_must_be_of_its_class():
+    with pytest.raises(ParameterError, match="damping = 'noise': must be of class Damping"):
+        Plant(damping='noise')
+
+
+@pytest.mark.parametrize('kind', [np.float32, np.float64, np.int64, np.uint8])
+def test_numpy_numbers_are_numbers(kind):
+    assert type(ControlGains(K=kind(3)).K) is float
+    assert type(ControlGains(hold_off=np.int64(3)).hold_off) is int
+    assert ControlGains(impulses=np.bool_(False)).impulses is False
+    with pytest.raises(ParameterError, match='hold_off = 3.0: must be an integer'):
+        ControlGains(hold_off=np.float64(3))
+
+
+@pytest.mark.parametrize('duration', [float('nan'), float('inf'), 0.0, -1.0])
+def test_a_duration_is_positive_and_finite(duration):
+    for run in (simulate, solve):
+        with pytest.raises(ParameterError, match='duration = .*: must be > 0 and finite'):
+            run(Plant(F_c=0.0), ControlGains(), duration)

@@ -205,7 +205,7 @@ def test_what_a_run_would_refuse_is_refused_before_any(vary, said):
     [
         ({'tolerances': (0.0,)}, 'tolerances = [0.0]: must be a list of numbers > 0'),
         ({'tolerances': ()}, 'tolerances = []'),
-        ({'duration': 1e-5}, 'duration = 1e-05: must be > 0.0001 [s]'),
+        ({'duration': 1e-5}, 'duration = 1e-05: must be >= 0.0001 [s]'),
         ({'runs': 0}, 'runs = 0'),
         ({'duration': 1e6}, 'duration = 1000000.0: must be <= 1e+09 steps of 0.0001 s'),
     ],

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 import csv
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from io import StringIO
 import json
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from impulse_control_ros.core.check import check_applied
 from impulse_control_ros.core.check_law import check_commands
 from impulse_control_ros.core.check_motion import check_foreign_motion, check_motion, Errors
-from impulse_control_ros.core.check_report import Check, line, LoopSamples, Violation
+from impulse_control_ros.core.check_report import Check, finite, line, LoopSamples, Violation
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.tick import SECOND, seconds
 from impulse_control_ros.errors import BagError, ParameterError
@@ -32,6 +32,14 @@ class Checked:
     run: Run
     checks: Sequence[Check]
 
+    @property
+    def gap(self) -> str:
+        """Why the control law was not checked; '' if it was."""
+        if any(check.checked for check in self.checks if check.name == 'effort'):
+            return ''
+        notes = [check.note for check in self.checks if check.note]
+        return f'the control law was not checked: {notes[-1]}'
+
     def stamp(self, check: Check) -> str:
         """Return the stamp [s] of the first violation, '' without one."""
         stamps = self.run.recording.states['stamp']
@@ -47,13 +55,22 @@ def checked(run: Run, errors: Errors | None) -> Checked:
     except (BagError, ParameterError) as error:
         return Checked(run=run, checks=[Check(name='parameters', note=str(error))])
     loop = samples_of(recording, gains[0].time_step, fresh)
-    checks = [*motion_of(recording, loop, axes, gains, errors)]
+    checks = [*motion_of(recording, loop, axes, gains, errors), commands_of(recording)]
     unknown = [text for text in recording.lacks if NO_EVENT in text]
     if unknown:
         checks.append(Check(name='effort', note=unknown[0]))
     else:
         checks += check_commands(loop, gains)
     return Checked(run=run, checks=checks)
+
+
+def commands_of(recording: Recording) -> Check:
+    """Check that the commands are finite, and note the states that none answers."""
+    stamps, commands = recording.states['stamp'], recording.commands
+    check = finite('command', commands['effort'], np.searchsorted(stamps, commands['stamp']))
+    unanswered = len(stamps) - int(np.isin(stamps, commands['stamp']).sum())
+    note = f'{unanswered} states without a command' if unanswered > 1 else ''
+    return replace(check, note=note)
 
 
 def motion_of(
@@ -88,7 +105,8 @@ def samples_of(recording: Recording, time_step: float, fresh: Sequence[int]) -> 
         place = np.searchsorted(stamps, rows['stamp'])
         found = np.append(stamps, -1)[place] == rows['stamp']
         for values, name in pairs:
-            values[place[found]] = rows[name][found]
+            recorded = rows[name][found]
+            values[place[found]] = np.where(np.isfinite(recorded), recorded, np.nan)
     starts = [change.stamp for change in recording.plant if change.anew]
     begin = max([one for one in starts if one <= stamps[0]], default=stamps[0])
     return LoopSamples(

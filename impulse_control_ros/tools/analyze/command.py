@@ -39,7 +39,7 @@ in docs/reference/metrics.md.
 With --check each line is one check: its samples, how many of them violate it, and the first of
 those with its stamp, value, expected value and tolerance. Checked are the equation of motion (3)
 with the parameters of the plant, and the control law and its guards with those of the controller.
-Exit status 1: one is violated.
+Exit status 1: one is violated. 2: the control law of a run could not be checked.
 
 A bag that was cut off, as by kill -9, is analysed up to its last whole chunk, with a warning. So
 is one that lacks anything of its run: a first response that begins in mid-run is no whole one."""
@@ -230,7 +230,7 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Print the checks of the runs; returns 1 where one is violated."""
+    """Print the checks of the runs; returns the exit status."""
     from impulse_control_ros.core.check_motion import Errors
     from impulse_control_ros.tools.analyze.check import checked, FORMATS
 
@@ -240,7 +240,12 @@ def check(options: argparse.Namespace) -> int:
         for run in runs_of(options.bags, options.run)
     ]
     print(FORMATS[options.format](every), flush=True)
-    return int(any(one.violations for run in every for one in run.checks))
+    gaps = [f'{one.run.path}: {one.gap}' for one in every if one.gap]
+    for gap in gaps:
+        warn(NAME, gap)
+    if any(one.violations for run in every for one in run.checks):
+        return 1
+    return 2 if gaps else 0
 
 
 def write(path: Path, content: bytes) -> None:
