@@ -30,7 +30,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.control_gains import ControlGains, Gains
 from impulse_control_ros.core.control_law import (
     impulse_area,
     NO_IMPULSE,
@@ -42,6 +42,7 @@ from impulse_control_ros.core.flow import crossing, first_zero, flow
 from impulse_control_ros.core.jit import sign
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.plant_step import Axis
 from impulse_control_ros.core.tick import require_duration
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import ParameterError
@@ -222,13 +223,13 @@ class Solution(Trajectory):
     duration: float
     x_r: float
     arcs: np.ndarray
-    axis: np.ndarray
-    gains: np.ndarray
+    axis: Axis
+    gains: Gains
 
     @cached_property
     def _samples(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time [s], position [m] and velocity [m/s], shape (n,)."""
-        step = float(self.axis['time_step'][0])
+        step = float(self.axis.time_step)
         return self.sampled(step, int(min(self.duration, self.last) * ROUNDED / step))
 
     @property
@@ -250,7 +251,7 @@ class Solution(Trajectory):
     def effort(self) -> np.ndarray:
         """Feedback -K e - D v [N] at each sample (4)."""
         error = self.position - self.x_r
-        return -self.gains['K'] * error - self.gains['D'] * self.velocity
+        return -self.gains.K * error - self.gains.D * self.velocity
 
     @property
     def set_point(self) -> np.ndarray:
@@ -279,7 +280,7 @@ class Solution(Trajectory):
         if wrong.size:
             raise refusal('time', float(wrong[0]), f'in [0, {self.last:g}] [s]')
         errors, velocities = np.empty(times.size), np.empty(times.size)
-        evaluate(self.arcs, self.axis[0], self.gains[0], times.ravel(), errors, velocities)
+        evaluate(self.arcs, self.axis, self.gains, times.ravel(), errors, velocities)
         return self.x_r + errors.reshape(times.shape), velocities.reshape(times.shape)
 
     def sampled(self, time_step: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -293,7 +294,7 @@ class Solution(Trajectory):
         if not 0 <= steps * time_step <= self.last * ROUNDED:
             raise refusal('steps', steps, f'in [0, {self.last / time_step:g}] [samples]')
         times, positions, velocities = (np.empty(steps + 1) for _ in range(3))
-        sample(self.arcs, self.axis[0], self.gains[0], time_step, times, positions, velocities)
+        sample(self.arcs, self.axis, self.gains, time_step, times, positions, velocities)
         positions += self.x_r
         return times, positions, velocities
 
@@ -328,11 +329,11 @@ def solve(
     values = np.array([plant.damping.value] if dampings is None else dampings, float)
     if dampings is not None or times.size:
         check_pieces(times, values)
-    axis, packed = plant.packed(), gains.packed()
-    packed['x_r'] = 0.0  # the solution is in e
+    axis = Axis(plant.m, plant.F_c, plant.time_step)
+    law = gains.values._replace(x_r=0.0)  # the solution is in e
     arcs, end, end_time = trace(
-        axis[0],
-        packed[0],
+        axis,
+        law,
         reading is Reading.STRICT,
         plant.x_0 - gains.x_r,
         plant.v_0,
@@ -349,7 +350,7 @@ def solve(
         x_r=gains.x_r,
         arcs=arcs,
         axis=axis,
-        gains=packed,
+        gains=law,
     )
 
 
