@@ -1,7 +1,7 @@
 """
-What a simulated run, an exact solution and a recording share: samples, a table and a plot.
+Base class of simulated runs, exact solutions and recordings: samples, table and plot.
 
-pandas and matplotlib are imported on use.
+pandas and matplotlib are imported when used.
 """
 
 from collections.abc import Mapping
@@ -72,9 +72,10 @@ class Trajectory:
         """
         Plot position with set-point, velocity and effort over time, and the phase portrait.
 
-        Markers show the impulses by their guard. Returns the matplotlib axes by name: position,
-        velocity, effort, phase. Given the ``axes`` of another plot, draws into these; ``label``
-        names the curve in the legend. Raises `MissingPackageError` without matplotlib.
+        Markers show the guard of each impulse. Returns the matplotlib axes by name: position,
+        velocity, effort, phase. If ``axes`` of another plot are given, the curves are added to
+        them; ``label`` names the curve in the legend. Raises `MissingPackageError` without
+        matplotlib.
         """
         return _optional('impulse_control_ros.plotting').plot(self, axes, label)
 
