@@ -82,7 +82,7 @@ def sampled_floor(gains: ControlGains, F_c: float) -> float:
 
 def quiet_error(gains: ControlGains, F_c: float, m: float, time_constant: float = 0.0) -> float:
     """
-    Return the error [m] above which an impulse releases a mass ``m`` [kg] and the guards notice.
+    Return the error [m] above which an impulse releases ``m`` [kg] fast enough for the guards.
 
     The guards do not notice a release slower than ``velocity_deadband``. The next impulse is then
     a sticking impulse of half the area, and below 2 e_floor impulses repeat without end. An
@@ -98,7 +98,7 @@ def quiet_error(gains: ControlGains, F_c: float, m: float, time_constant: float 
 
 def first_zero_time(gains: ControlGains, d: float) -> float:
     """
-    Return the time [s] until an axis with damping ``d`` [N s/m], started at rest, has e = 0.
+    Return the time [s] at which an axis with damping ``d`` [N s/m], from rest, first has e = 0.
 
     This is the first zero of (12) from e = 1, v = -d_bar / (c m) (17)(26), or v = 0 without
     impulses; inf if there is none. By linearity, the time is the same for any initial error.

@@ -49,7 +49,7 @@ class StateRate:
         return self._lost_before + (max(0, steps + 1 - count) if count else 0)
 
     def wrong(self, stamp: int, answered: int) -> str:
-        """Return a warning if the state rate differs from 1 / time_step: impulse areas are off."""
+        """Return a warning if the state rate is not 1 / time_step: this alters impulse areas."""
         count = answered - self._answered
         if count < LEAST_ANSWERED:
             return ''

@@ -270,7 +270,7 @@ class Solution(Trajectory):
         """
         Return position [m] and velocity [m/s] at ``time`` [s], in its shape.
 
-        At the time of a jump, the state is that after the jump. Raises `ParameterError` for a time
+        At a jump, the result is the state after the jump. Raises `ParameterError` for a time
         before 0 or after the end.
         """
         times = np.asarray(time, float)

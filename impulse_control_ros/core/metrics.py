@@ -2,8 +2,8 @@
 Metrics of a recorded or simulated run.
 
 The functions take arrays of one run on the sampling grid: ``time`` [s] and ``error`` e = x - x_r
-[m]. `figures` computes all metrics of a batch at once, from running sums. `metric_catalogue` has
-the title, unit and meaning of each metric.
+[m]. `figures` and batches compute the figures of merit together, from running sums.
+`metric_catalogue` has the title, unit and meaning of each metric.
 """
 
 from collections.abc import Mapping, Sequence
