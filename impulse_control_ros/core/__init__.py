@@ -1,1 +1,1 @@
-"""The numbers: plant, damping, control law. No ROS, no files, no clock, no global state."""
+"""Numerical core: plant, damping, control law. No ROS, files, clock or global state."""

@@ -1,5 +1,5 @@
 """
-Many runs at once: what `simulate` does, for every row of parameters, to the same bits.
+Batch simulation: many runs at once, bit-for-bit identical to `simulate`.
 
 ==========  ==========  ====  =============================================================
 symbol      name        unit  meaning
@@ -10,14 +10,15 @@ j           lane        1     place of a run among the LANES that step together
 k           tick        1     sample
 ==========  ==========  ====  =============================================================
 
-The result of run i depends on its row alone: not on the number of threads, the order of the
-rows or what else is in the batch. Only figures of merit are kept, so memory grows with the
-runs and not with the steps; the trajectory of a chosen run is ``simulate(*row(...), duration)``.
+The result of run i depends only on its row, not on the number of threads, the order of the rows or
+the other runs. Only figures of merit are kept, so memory grows with the number of runs, not with
+the number of steps. To get the trajectory of a run, call ``simulate(*row(...), duration)``.
 
-A step of one run is a chain in which each operation waits for the one before. LANES ideal runs
-side by side fill that waiting: the conditions in the law only choose between values, so the
-inner loops over the lanes become vector instructions. The rare step that `short_step` does not
-cover is taken alone. Runs with hardware or options go one after another, a tenth as fast.
+Within a step of one run, each operation waits for the previous one. Stepping LANES ideal runs side
+by side hides this latency: the conditions in the law only select values, so the compiler
+vectorizes the inner loops over the lanes. The rare step that `short_step` does not cover is
+computed lane by lane. Runs with hardware or options are computed one after another, a tenth as
+fast.
 """
 
 from collections.abc import Mapping, Sequence
@@ -62,19 +63,19 @@ from impulse_control_ros.core.plant_step import PlantState
 from impulse_control_ros.core.simulate import steps_of
 from impulse_control_ros.core.varied import columns, packed_rows, Rows
 
-LANES = 32  # four vectors of eight: enough to fill the waiting, few enough for the L1 cache
+LANES = 32  # four vectors of eight: enough to hide latency, few enough for the L1 cache
 CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
-TASK = 256  # runs that a thread takes at a time: milliseconds, so that Ctrl-C is heard
-SAMPLES = 256  # of a run with hardware, between two looks at its figures
+TASK = 256  # runs per task of a thread: milliseconds, so that Ctrl-C takes effect
+SAMPLES = 256  # of a run with hardware, between updates of its figures
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
 GAINS, SUMS, X_R = len(Gains._fields), len(Sums._fields), Gains._fields.index('x_r')
-KEPT = LawState._fields.index('hold') + 1  # of a law without options
+KEPT = LawState._fields.index('hold') + 1  # fields that a law without options uses
 UNUSED, NOTHING = (0.0,) * (len(FRESH) - KEPT), Sums(*[0.0] * SUMS)
 NOW = (
     'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
     'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',
 )  # fmt: skip
-# a block of runs is one record, so that the compiler sees that these arrays do not overlap
+# a block of runs is one record, so the compiler knows that these arrays do not overlap
 BLOCK = np.dtype(
     [
         *((name, 'f8', (LANES,)) for name in NOW),
@@ -89,10 +90,10 @@ BLOCK = np.dtype(
 
 def damping_seeds(seed: int, runs: int) -> np.ndarray:
     """
-    Return seeds for ``damping.seed``, shape (runs,), all drawn from one ``seed``.
+    Return seeds for ``damping.seed``, shape (runs,), derived from one ``seed``.
 
-    numpy's SeedSequence spreads it; the first seeds of a longer batch are those of a shorter.
-    The sign bit is left out, as a ROS parameter is a signed integer.
+    numpy's SeedSequence generates them; a longer batch begins with the same seeds as a shorter
+    one. The sign bit is 0 because a ROS integer parameter is signed.
     """
     return np.random.SeedSequence(seed).generate_state(runs, np.uint64) >> np.uint64(1)
 
@@ -107,11 +108,11 @@ def simulate_batch(
     """
     Run the closed loop for ``duration`` seconds with every row of the ``varied`` parameters.
 
-    ``varied`` maps full names to arrays of one shape (runs,), in the unit of the parameter; all
-    else is as in ``plant`` and ``gains``. Returns the figures of merit, shape (runs,), dtype
-    `figures_dtype`, with the settling times to ``tolerances`` [m]. Uses as many threads as
-    numba does (``numba.set_num_threads``). Raises `ParameterError` as `simulate` does, and for
-    names and values of ``varied`` that are not allowed, before anything runs.
+    ``varied`` maps full names to arrays of shape (runs,), in the unit of the parameter; ``plant``
+    and ``gains`` supply all other values. Returns the figures of merit, shape (runs,), dtype
+    `figures_dtype`, with the settling times to ``tolerances`` [m]. Uses as many threads as numba
+    (``numba.set_num_threads``). Before the first run, raises `ParameterError` as `simulate` does
+    and for invalid names or values in ``varied``.
     """
     steps = steps_of(plant, gains, duration)
     require_tolerances(tolerances)
@@ -181,7 +182,7 @@ def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:
 
 
 def loaded(rows: Rows) -> np.ndarray:
-    """Put runs into blocks, dtype BLOCK; the last run fills what is left."""
+    """Pack runs into blocks, dtype BLOCK; copies of the last run fill the last block."""
     runs = len(rows.plant)
     count = -(-runs // LANES)
     at = np.minimum(np.arange(count * LANES), runs - 1).reshape(count, LANES)
@@ -203,7 +204,7 @@ def loaded(rows: Rows) -> np.ndarray:
 
 @compiled
 def answer_lanes(block):
-    """Do the control law of each lane."""
+    """Evaluate the control law of each lane."""
     for j in range(LANES):
         gains = Gains(*to_fixed_tuple(block.gains[:, j], GAINS))
         state = LawState(*(to_fixed_tuple(block.law_state[:, j], KEPT) + UNUSED))
@@ -297,7 +298,8 @@ def run_blocks(blocks, steps, tolerances, outside):
     """
     Run every block for ``steps`` steps.
 
-    ``outside``, shape (blocks, tolerances, LANES), becomes the last tick outside each tolerance.
+    Fills ``outside``, shape (blocks, tolerances, LANES), with the last tick outside each
+    tolerance.
     """
     for i in range(len(blocks)):
         block = blocks[i]
@@ -320,8 +322,8 @@ def run_rows(
     """
     Run n rows one after another.
 
-    ``sums`` (fields, n), ``last`` position (n,), ``bounded`` (n,) and the last ticks ``outside``
-    (n, tolerances) become what they leave.
+    Fills ``sums`` (fields, n), the ``last`` position (n,), ``bounded`` (n,) and the last tick
+    ``outside`` each tolerance (n, tolerances).
     """
     samples = len(trace.position)
     for i in range(len(plants)):

@@ -1,7 +1,7 @@
 """
-Judge whether a trajectory, simulated or recorded, is a solution of (3) with the control law.
+Check whether a simulated or recorded trajectory solves (3) under the control law.
 
-The four parts of a hybrid system are each checked sample by sample, from the samples alone:
+Each part of the hybrid system is checked sample by sample, from the samples alone:
 
 ====================  =============================  ===========================================
 part                  check                          file
@@ -13,7 +13,7 @@ jump set              missed and unexplained guards  core/check_law.py
 jump map (17), law    impulse area, effort           core/check_law.py
 ====================  =============================  ===========================================
 
-It is a second formulation of (3), (4) and (17), in numpy, which shares no code with the kernels.
+The checks formulate (3), (4) and (17) a second time, in numpy, and share no code with the kernels.
 """
 
 from dataclasses import replace
@@ -38,7 +38,7 @@ from impulse_control_ros.core.simulate import Run
 
 
 def check_run(run: Run, plant: Plant, gains: ControlGains) -> Report:
-    """Check a run of `simulate`: the motion of its true states, the answers to the measured."""
+    """Check a run of `simulate`: the true motion and the answers to the measured states."""
     count = len(run.time)
     signals = [
         finite(name, getattr(run, name)) for name in ('position', 'velocity', 'effort', 'applied')
@@ -72,10 +72,10 @@ def check_run(run: Run, plant: Plant, gains: ControlGains) -> Report:
 
 def check_applied(loop: LoopSamples, plant: Plants) -> Check:
     """
-    Check that the effort that acts is the command: delayed, limited, lagged.
+    Check that the applied effort is the command after delay, limit and lag.
 
-    With a lag the actuator's output a and the mean effort u of a sample follow from the command
-    c: u = c + (a - c) share, a+ = c + (a - c) pole. For plants that wait for each command.
+    With a lag, the command c determines the mean effort u of a sample and the actuator's output a:
+    u = c + (a - c) share, a+ = c + (a - c) pole. Valid for plants that wait for each command.
     """
     count = len(loop.time)
     of, index = per_sample(plant, count), np.arange(count)

@@ -1,19 +1,19 @@
 """
-Judge whether impulses start where the guards of the control law are met, and nowhere else.
+Check whether impulses start exactly where a guard of the control law is met.
 
-=============  ==============================================================================
+=============  ====================================================================================
 guard          met by the sample
-=============  ==============================================================================
-position zero  the error e, or what it is guard_lookahead samples on, is zero or of another
-               sign than that of the sample before, by the set-points of both; the axis moves
-velocity zero  the velocity is zero or of another sign, not by an impulse of the sample before;
-               or zero at the first sample, or where the set-point changed
-sticking       the velocity was zero at the sample before, too
-=============  ==============================================================================
+=============  ====================================================================================
+position zero  the error e, extrapolated by guard_lookahead samples, is zero or differs in sign
+               from the previous sample, judged by both set-points; the axis moves
+velocity zero  the velocity is zero or differs in sign from the previous sample, not because of an
+               impulse; or it is zero at the first sample or after a set-point change
+sticking       the velocity is zero at this and the previous sample
+=============  ====================================================================================
 
-The last two need e beyond the dead band and nothing of an impulse that waits; at rest they need
-stiction_wait_samples since the last impulse. Zero is a velocity within its dead band. An impulse
-is missed where the law has one and the commands have not, and unexplained where only they have.
+The last two guards need e beyond the dead band and no pending impulse area. At rest they also need
+stiction_wait_samples since the last impulse. A velocity within its dead band counts as zero. An
+impulse is missed if only the law has it, and unexplained if only the commands have it.
 """
 
 from typing import NamedTuple
@@ -30,9 +30,9 @@ class Commands(NamedTuple):
     """
     The states that a controller answered, and its answers, shape (n,).
 
-    ``samples`` are their numbers, ``velocity`` is nan where it was not measured, ``guard`` and
-    ``area`` [N s] are 0 where no impulse started. ``fresh`` tells that the controller had
-    no memory of the sample before, and ``begins`` the same, or that it is not known.
+    ``samples`` are the sample numbers. ``velocity`` is nan where it was not measured; ``guard``
+    and ``area`` [N s] are 0 where no impulse started. ``fresh`` is true where the controller had
+    no memory of the previous sample, and ``begins`` also where its memory is unknown.
     """
 
     samples: np.ndarray
@@ -47,10 +47,10 @@ class Commands(NamedTuple):
 
 class Remembered(NamedTuple):
     """
-    What the law has at each sample, shape (n,).
+    Internal values of the law at each sample, shape (n,).
 
-    The velocity [m/s], the integral part of the feedback [N], the area that is to leave, and
-    what of it effort_limit holds back [N s].
+    ``velocity`` [m/s] is the velocity used, ``integral`` [N] the integral part of the feedback,
+    ``owed`` [N s] the area due, and ``waits`` [N s] the part that effort_limit holds back.
     """
 
     velocity: np.ndarray
@@ -60,7 +60,7 @@ class Remembered(NamedTuple):
 
 
 def since(where: np.ndarray, begins: np.ndarray) -> np.ndarray:
-    """Return the number of samples since the last one ``where``, NEVER without one, (n,)."""
+    """Return the number of samples since ``where`` was last true, or NEVER: shape (n,)."""
     index = np.arange(len(where))
     last = np.maximum.accumulate(np.where(where, index, -1))
     start = np.maximum.accumulate(np.where(begins, index, 0))
@@ -68,12 +68,12 @@ def since(where: np.ndarray, begins: np.ndarray) -> np.ndarray:
 
 
 def before(values: np.ndarray, begins: np.ndarray, fill: float) -> np.ndarray:
-    """Return the value of the sample before, ``fill`` where there is none."""
+    """Return the value at the previous sample, ``fill`` where there is none."""
     return np.where(begins, fill, np.concatenate((values[:1], values[:-1])))
 
 
 def directions(v: np.ndarray, begins: np.ndarray, of: PerSample) -> np.ndarray:
-    """Return the sign of v, 0 at rest: once at rest it takes more than the dead band to move."""
+    """Return the sign of v, 0 at rest; leaving rest takes dead band plus hysteresis."""
     speed, way, dead = np.abs(v), np.sign(v), of('velocity_deadband')
     moves = speed > dead + of('velocity_hysteresis')
     is_clear = moves | (speed <= dead) | begins | (way != before(way, begins, 0.0))
@@ -82,7 +82,7 @@ def directions(v: np.ndarray, begins: np.ndarray, of: PerSample) -> np.ndarray:
 
 
 def position_zeros(commands: Commands, of: PerSample, v: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return where the error crosses zero, and where that counts: once beyond the hysteresis."""
+    """Return where the error crosses zero, and where the hysteresis lets a crossing count."""
     begins, x_r = commands.begins, of('x_r')
     ahead = commands.position + of('guard_lookahead') * of('time_step') * v
     side, side_before = np.sign(ahead - x_r), before(np.sign(ahead - x_r), begins, 0.0)
@@ -95,7 +95,7 @@ def position_zeros(commands: Commands, of: PerSample, v: np.ndarray) -> tuple[np
 
 
 def expected_guards(commands: Commands, of: PerSample, memory: Remembered) -> np.ndarray:
-    """Return the guard of the impulse that the law has at each sample, shape (n,)."""
+    """Return the guard of the impulse that the law starts at each sample, shape (n,)."""
     begins, fresh, x_r = commands.begins, commands.fresh, of('x_r')
     way = directions(memory.velocity, begins, of)
     way_before = before(way, begins, 0.0)
@@ -117,14 +117,14 @@ def expected_guards(commands: Commands, of: PerSample, memory: Remembered) -> np
         [np.where(counts, POSITION_ZERO, 0), STICKING, VELOCITY_ZERO],
         0,
     )
-    # after a position zero the law holds off
+    # no impulse starts for hold_off samples after a position zero
     ago = since(before(commands.guard == POSITION_ZERO, begins, False).astype(bool), begins) + 1
     held = of('hold_off')[np.maximum(np.arange(len(ago)) - ago, 0)] >= ago
     return np.where(of('impulses') & ~held, guards, 0)
 
 
 def guard_checks(commands: Commands, expected: np.ndarray, known: np.ndarray) -> list[Check]:
-    """Check that each impulse that the law has is there, and no other."""
+    """Check that the commands start exactly the impulses of the law."""
     differs, fired = known & (commands.guard != expected), commands.guard != 0
     note = '' if known.all() else f'{(~known).sum()} samples follow unknown ones'
     names = np.array(['no impulse', *GUARDS[1:]])

@@ -1,10 +1,10 @@
 """
-Judge whether commands obey the control law: their guards, areas and efforts.
+Check whether the guards, areas and efforts of commands obey the control law.
 
-This is a second formulation of the law, which shares nothing with its kernel but the names. What
-the law remembers is read off the samples and the recorded impulses, so that one wrong sample is
-one violation. Positions and velocities are those that the controller saw: noise and encoder
-steps are in them, and the tolerance is that of rounding.
+This second formulation of the law shares only names with the kernel. The memory of the law is
+derived from the samples and the recorded impulses, so one wrong sample causes one violation.
+Positions and velocities include noise and encoder steps, as the controller saw them, so the
+tolerance covers rounding only.
 
 ============  ====  ========================================================================
 check         unit  equation
@@ -14,7 +14,7 @@ impulse area  N s   J = -2 alpha sign(v) or -c_event beta sign(e): (17), (19), (
 effort        N     u = K (x_r - x) - D v - I + J / dt, within effort_limit: (4)
 ============  ====  ========================================================================
 
-Only effort_limit, K_i and an estimated velocity need a memory of all samples before.
+Only effort_limit, K_i and an estimated velocity depend on all previous samples.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ MEMORY = (*LONG_MEMORY, 'position_hysteresis', 'velocity_hysteresis')
 
 
 def check_commands(loop: LoopSamples, gains: Gains) -> list[Check]:
-    """Check the commands of a controller: each against the state that it answers."""
+    """Check each command of a controller against the state that it answers."""
     answered = np.flatnonzero(np.isfinite(loop.effort) & np.isfinite(loop.position))
     if not len(answered):
         return [Check(name='effort', note='no state is answered')]
@@ -71,22 +71,23 @@ def check_commands(loop: LoopSamples, gains: Gains) -> list[Check]:
 
 
 def plain(commands: Commands, of: PerSample) -> Remembered:
-    """Return what a law without effort_limit, K_i and an estimated velocity has."""
+    """Return the memory of a law without effort_limit, K_i and an estimated velocity."""
     none = np.zeros(len(commands.samples))
     return Remembered(commands.velocity, none, np.where(of('impulses'), commands.area, 0.0), none)
 
 
 def estimates(commands: Commands, of: PerSample) -> np.ndarray:
-    """Return where the law acts on an estimated velocity."""
+    """Return where the law uses an estimated velocity."""
     return (of('velocity_source') == 'estimated') | np.isnan(commands.velocity)
 
 
 def remembered(commands: Commands, of: PerSample) -> Remembered:
     """
-    Return what a law with effort_limit, K_i or an estimated velocity has, one by one.
+    Return the memory of a law with effort_limit, K_i or an estimated velocity, by recursion.
 
-    v = p (v + J / m) + (1 - p) dx / dt; I grows by K_i e dt, but not while the effort is at its
-    limit and e drives it on; an area that would drive the axis away from x_r does not wait.
+    v = p (v + J / m) + (1 - p) dx / dt; I grows by K_i e dt, unless effort_limit clips the
+    feedback and e would drive it further. Pending area is dropped where it would drive the axis
+    away from x_r.
     """
     dt, limit = of('time_step'), of('effort_limit')
     columns = (
@@ -123,7 +124,7 @@ def remembered(commands: Commands, of: PerSample) -> Remembered:
 
 
 def area_check(commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray) -> Check:
-    """Check the area of each impulse by its guard."""
+    """Check the area of each impulse for its guard."""
     error = commands.position - of('x_r')
     alpha = of('alpha_ratio') * of('m') * np.abs(memory.velocity)
     beta = np.abs(error) * of('d_bar') / (2 * of('c'))
@@ -141,7 +142,7 @@ def area_check(commands: Commands, of: PerSample, memory: Remembered, known: np.
 def effort_check(
     commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray
 ) -> Check:
-    """Check each effort: the feedback (4) and what leaves of the impulses."""
+    """Check each effort: the feedback (4) plus the applied part of the impulse area."""
     limit = np.where(of('effort_limit') > 0, of('effort_limit'), np.inf)
     terms = (
         -of('K') * (commands.position - of('x_r')),

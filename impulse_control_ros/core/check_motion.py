@@ -1,7 +1,7 @@
 """
-Judge whether a motion is one of the axis (3): the flow map, sample by sample.
+Check whether a motion obeys the axis (3): the flow map, sample by sample.
 
-With effort u and damping d held over a sample of length dt, the integral of (3) is exact:
+With effort u and damping d constant over a sample of length dt, (3) integrates exactly:
 
     m (v+ - v) = (u + w) dt - d (x+ - x) - F dt,    x+ - x = dt (v + h (v+ - v)),
 
@@ -16,8 +16,9 @@ h             weight         1        1 / (1 - exp(-z)) - 1 / z, z = d dt / m: 1
                                       more; any of [0, 1] where friction varies in the sample
 ============  =============  =======  =======================================================
 
-Errors of measurement widen the tolerance. Those of the velocity are the same over one sample and
-over many, so that with noise the first equation, summed over many samples, tells more.
+Measurement errors widen the tolerance. The velocity error is the same over one sample and over
+many. With a noisy velocity, the first equation is therefore also checked as a sum over many
+samples.
 """
 
 from dataclasses import replace
@@ -39,12 +40,12 @@ from impulse_control_ros.core.check_report import (
 Pair = tuple[np.ndarray, np.ndarray]
 WINDOWS = (10, 100, 1000)  # samples, where the velocity is noisy
 LARGEST_NOISE = 6.0  # standard deviations, see `normal` in core/nonidealities.py
-LARGEST_FORCE = 8.0  # standard deviations of filtered noise; larger ones do not occur
-SINE = 1e-9  # share of a sinusoidal force by which two ways to compute it may differ
+LARGEST_FORCE = 8.0  # standard deviations of filtered noise; larger values do not occur
+SINE = 1e-9  # relative tolerance between two ways to compute a sinusoidal force
 
 
 class Axis(NamedTuple):
-    """What acts from each state to the next: shape (n - 1,), some as (lower, upper) bounds."""
+    """The axis from each state to the next: shape (n - 1,), some as (lower, upper) bounds."""
 
     m: np.ndarray
     d: Pair
@@ -58,8 +59,8 @@ class Errors(NamedTuple):
     """
     Largest errors of the measured position [m] and velocity [m/s].
 
-    ``differs`` tells, shape (n - 1,), at which samples the velocity at the end is the difference
-    of the measured positions.
+    ``differs``, shape (n - 1,), is true where the velocity at the end of a sample is the
+    difference of the measured positions.
     """
 
     position: float = 0.0
@@ -68,7 +69,7 @@ class Errors(NamedTuple):
 
 
 def check_motion(loop: LoopSamples, plant: Plants, errors: Errors | None = None) -> list[Check]:
-    """Check the motion of an axis; the ``errors`` are those of its sensor, if not given."""
+    """Check the motion of an axis; ``errors`` defaults to the errors of its sensor."""
     every = per_sample(plant, len(loop.time))
 
     def of(name: str) -> np.ndarray:
@@ -97,9 +98,9 @@ def check_motion(loop: LoopSamples, plant: Plants, errors: Errors | None = None)
 
 def check_foreign_motion(loop: LoopSamples, gains: Gains, errors: Errors) -> list[Check]:
     """
-    Check the motion of an axis that tells no parameters, by what the paper supposes of it.
+    Check the motion of an axis with unknown parameters, under the assumptions of the paper.
 
-    That is the mass of the control law, a damping in [0, d_bar], and a friction of any size that
+    The axis has the mass of the control law, damping in [0, d_bar], and friction of any size that
     opposes the motion.
     """
     of = per_sample(gains, len(loop.time))
@@ -139,13 +140,13 @@ def disturbance(of: PerSample, tick: np.ndarray) -> Pair:
 
 
 def motion_checks(loop: LoopSamples, axis: Axis, errors: Errors) -> list[Check]:
-    """Check that the states follow from each other: their positions, and their momenta."""
-    # a velocity that is a difference of positions is checked as such, and not used
+    """Check that each state follows from the previous one, in position and momentum."""
+    # a velocity that is a difference of positions is only checked as such
     differs = np.broadcast_to(errors.differs, len(loop.dt))
     mean = np.where(differs, loop.velocity[1:], np.nan)
     v = np.where(np.append(differs[:1], differs), np.nan, loop.velocity)
     loop, before, after = replace(loop, velocity=v), v[:-1], v[1:]
-    # one that leaves its rest moves in one direction from the start of the sample on
+    # an axis that leaves rest moves in one direction from the start of the sample
     leaves = (before == 0.0) & (errors.velocity == 0.0)
     slowest = np.minimum(np.abs(before), np.abs(after)) - errors.velocity
     moves = leaves | ((np.sign(before) == np.sign(after)) & (slowest > 0.0))
@@ -171,9 +172,9 @@ def position_steps(
     loop: LoopSamples, axis: Axis, errors: Errors, varies: np.ndarray, mean: np.ndarray
 ) -> Check:
     """
-    Check each step of the position; the friction ``varies`` in some.
+    Check each position step; the friction ``varies`` in some.
 
-    Where the sensor tells the ``mean`` velocity, which is nan elsewhere, that is all to check.
+    Where the sensor measures the ``mean`` velocity (nan elsewhere), only that one is checked.
     """
     x, before, change = loop.position, loop.velocity[:-1], np.diff(loop.velocity)
     weights = [
@@ -192,12 +193,12 @@ def position_steps(
 def force_bounds(
     loop: LoopSamples, axis: Axis, errors: Errors, way: np.ndarray, slow: np.ndarray
 ) -> Pair:
-    """Return the bounds of v+ - v [m/s] by the forces of each sample, shape (n - 1,)."""
+    """Return the bounds that forces set on v+ - v [m/s] in each sample, shape (n - 1,)."""
     dt, v = loop.dt, loop.velocity
     largest = np.where(slow, axis.F_s, axis.F_c)
     against = np.where(way > 0, axis.F_c, -np.where(way < 0, largest, axis.F_s))
     along = np.where(way < 0, -axis.F_c, np.where(way > 0, largest, axis.F_s))
-    # the way of the sample, by what is measured best, and its error
+    # the displacement, from the more accurate measurement, and its error
     other = dt * (errors.velocity + 0.5 * np.abs(np.diff(v)))
     error = np.minimum(2 * errors.position, other)
     step = np.where(
@@ -212,7 +213,7 @@ def force_bounds(
 
 
 def momentum(loop: LoopSamples, axis: Axis, errors: Errors, forces: Pair, window: int) -> Check:
-    """Check the balance of momentum over each ``window`` of samples."""
+    """Check the momentum balance over each ``window`` of samples."""
     x, v = np.abs(loop.position), np.abs(loop.velocity)
     friction = np.where(np.isinf(axis.F_s), 0.0, axis.F_s)
     terms = (np.abs(loop.applied[:-1]) + friction) * loop.dt

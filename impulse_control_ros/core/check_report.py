@@ -1,4 +1,4 @@
-"""What the checkers judge, a trajectory, and what they find."""
+"""Input and results of the checks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.parameter import Parameters
 from impulse_control_ros.core.plant import Plant
 
-ROUNDING = 1e-12  # share of the terms of an equation that is no violation of it
-NEAR = 1e-3  # share of a time step within which two states are one step apart
-LEAST = 1e-15  # the same as a share of the largest value of all samples
+ROUNDING = 1e-12  # tolerance relative to the terms of an equation
+NEAR = 1e-3  # tolerance of a time step, relative to it
+LEAST = 1e-15  # tolerance relative to the largest value of all samples
 Value = float | str
-# for all samples, or each from a first sample on, of which one is 0
+# one set for all samples, or one from each key (a first sample) on, beginning with 0
 Plants = Plant | Mapping[int, Plant]
 Gains = ControlGains | Mapping[int, ControlGains]
 PerSample = Callable[[str], np.ndarray]
@@ -28,12 +28,12 @@ class LoopSamples:
     Samples of a closed loop; all arrays have shape (n,).
 
     ``time`` [s] counts from the start of the run, in steps of ``time_step``. The controller saw
-    ``position`` [m] and ``velocity`` [m/s], nan where it was not measured, and answered with
-    ``effort`` [N], nan where it did not. From each state to the next acted the mean effort
-    ``applied`` [N] and the ``damping`` [N s/m], nan where they are not known. ``guard`` and
-    ``area`` [N s] are those of the impulse at each sample, 0 without one. ``starts`` tells which
-    states do not follow from those before, as after a reset; ``fresh``, where the controller had
-    no memory of samples before.
+    ``position`` [m] and ``velocity`` [m/s] (nan if not measured) and answered with ``effort`` [N]
+    (nan if unanswered). The mean effort ``applied`` [N] and the ``damping`` [N s/m] (nan if
+    unknown) acted from each state to the next. ``guard`` and ``area`` [N s] describe the impulse
+    at each sample, 0 if none. ``starts`` is true where a state does not follow from the previous
+    one, as after a reset; ``fresh`` is true where the controller had no memory of previous
+    samples.
     """
 
     time: np.ndarray
@@ -58,13 +58,13 @@ class LoopSamples:
 
     @cached_property
     def breaks(self) -> np.ndarray:
-        """Where a state does not follow from the one before, or that one is missing."""
+        """Where a state does not follow from the previous one, or the previous one is missing."""
         far = np.abs(self.dt - self.time_step) > 0.5 * self.time_step
         return self.starts | np.append(False, far)
 
 
 class Violation(NamedTuple):
-    """What was recorded at a ``sample``, what was expected there, and the tolerance."""
+    """The recorded ``value`` at a ``sample``, the ``expected`` one, and the ``tolerance``."""
 
     sample: int
     value: Value
@@ -77,8 +77,8 @@ class Check:
     """
     One check of a loop.
 
-    ``checked`` samples, of them ``violations``; ``first`` is the first of these, in ``unit``.
-    ``note`` says what was not checked, and why.
+    ``checked`` counts the checked samples, ``violations`` the violations among them; ``first`` is
+    the first violation, in ``unit``. ``note`` says what was not checked, and why.
     """
 
     name: str
@@ -91,14 +91,14 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """The ``checks`` of a trajectory whose samples are at ``time`` [s], shape (n,)."""
+    """The ``checks`` of a trajectory sampled at ``time`` [s], shape (n,)."""
 
     checks: Sequence[Check]
     time: np.ndarray
 
     @property
     def violated(self) -> list[str]:
-        """The names of the checks that are violated; none for a solution of (3) with the law."""
+        """The names of the violated checks; empty for a solution of (3) under the law."""
         return [check.name for check in self.checks if check.violations]
 
     def __str__(self) -> str:
@@ -109,7 +109,7 @@ class Report:
 
 
 def line(check: Check, at: str) -> str:
-    """Return a check in one line; ``at`` is the time [s] of the first violation."""
+    """Format a check as one line; ``at`` is the time [s] of the first violation."""
     text = f'{check.name:<26}{check.checked:>9} checked{check.violations:>9} violated'
     if check.first:
         first, unit = check.first, f' {check.unit}' if check.unit else ''
@@ -120,7 +120,7 @@ def line(check: Check, at: str) -> str:
 
 
 def shown(value: Value) -> str:
-    """Return a value for reading."""
+    """Format a value."""
     return value if isinstance(value, str) else f'{value:.9g}'
 
 
@@ -134,10 +134,10 @@ def bounded(
     note: str = '',
 ) -> Check:
     """
-    Check that values are within ``bounds`` and a tolerance, shape (k,).
+    Check that values lie within ``bounds``, up to a tolerance; all have shape (k,).
 
-    They are of the first k samples, or of ``samples``. What is nan is not checked, nor what is
-    not bounded.
+    The values belong to the first k samples, or to ``samples``. Values that are nan or have no
+    bounds are not checked.
     """
     made = ~np.logical_or.reduce(np.isnan([value, *bounds, tolerance]))
     made &= ~np.logical_and.reduce(np.isinf(bounds))
@@ -171,7 +171,7 @@ def found(
     columns: Sequence[np.ndarray],
     note: str,
 ) -> Check:
-    """Return the check that was ``made`` of some samples; ``columns`` are those of `Violation`."""
+    """Return the check ``made`` at some samples; ``columns`` are the fields of `Violation`."""
     first = np.flatnonzero(wrong)[:1]
     return Check(
         name=name,
@@ -187,7 +187,8 @@ def per_sample(parameters: Parameters | Mapping[int, Parameters], count: int) ->
     """
     Return a function from a parameter's name to its value at each of ``count`` samples.
 
-    ``parameters`` hold for all samples, or each from a first sample on, of which one is 0.
+    ``parameters`` is one set for all samples, or a mapping from the first sample of each set to
+    the set, beginning with 0.
     """
     sets = parameters if isinstance(parameters, Mapping) else {0: parameters}
     lengths = np.diff([*sets, count])

@@ -1,5 +1,5 @@
 """
-The closed loop of plant and control law: to the same bits as the nodes.
+The closed loop of plant and control law, bit-for-bit identical to the nodes.
 
 At sample k the controller answers state k with effort k, which acts over [t_k, t_k+1).
 """
@@ -24,11 +24,11 @@ class Trace(NamedTuple):
     """
     The signals of n samples, each an array of shape (n,).
 
-    ``position`` [m] and ``velocity`` [m/s] are those of the axis; ``applied`` [N] and
-    ``damping`` [N s/m] acted over the sample that led there. ``measured_position`` and
-    ``measured_velocity``, nan for none, are what the controller saw, and ``effort`` [N],
-    ``area`` [N s], ``guard`` and ``used_velocity`` its answer. Of an ideal plant and a law
-    without options the measured and used signals are the true ones, in the same arrays.
+    ``position`` [m] and ``velocity`` [m/s] are the state of the axis; ``applied`` [N] and
+    ``damping`` [N s/m] acted over the sample that led to it. The controller saw
+    ``measured_position`` and ``measured_velocity`` (nan if not measured) and answered with
+    ``effort`` [N], ``area`` [N s], ``guard`` and ``used_velocity``. For an ideal plant and a law
+    without options, the measured and used signals share the arrays of the true ones.
     """
 
     position: np.ndarray
@@ -49,7 +49,7 @@ def close_loop(plant, hardware, state, memory, gains, options, law_state, trace,
     Fill the n samples of ``trace`` from ``state`` on; return the next states of plant and law.
 
     ``plant`` and, unless None, ``hardware`` are arrays of shape (1,), dtypes PLANT and HARDWARE.
-    ``steps`` is n, or n - 1 if the plant is to stay at the last sample.
+    ``steps`` is n, or n - 1 to leave the plant at the last sample.
     """
     axis, profile = axis_of(plant[0]), plant[0].damping
     real: Any = None if hardware is None else hardware[0]
@@ -74,7 +74,7 @@ def close_loop(plant, hardware, state, memory, gains, options, law_state, trace,
 
 
 def empty_trace(count: int, ideal: bool) -> Trace:
-    """Return a trace of ``count`` samples, of an ``ideal`` plant and a law without options."""
+    """Return an empty trace; ``ideal`` is for an ideal plant and a law without options."""
     position, velocity, damping, effort, area = (np.empty(count) for _ in range(5))
     guard = np.empty(count, np.int8)
     if ideal:
@@ -86,10 +86,10 @@ def empty_trace(count: int, ideal: bool) -> Trace:
 
 class ClosedLoop:
     """
-    A plant and its controller after the samples that were made; at first none.
+    A plant and its controller, run sample by sample from the plant's start.
 
-    ``ideal`` compiles the loop without hardware and without options: for an ideal plant and a
-    law without options, whose bits are the same and which do not change.
+    ``ideal`` compiles the loop without hardware and options, with the same results to the bit. The
+    plant must then stay ideal and the law without options.
     """
 
     def __init__(self, plant: Plant, gains: ControlGains, ideal: bool = False) -> None:
@@ -100,18 +100,18 @@ class ClosedLoop:
         self.change(plant, gains)
 
     def change(self, plant: Plant, gains: ControlGains) -> None:
-        """Go on with other parameters."""
+        """Continue with other parameters."""
         self._plant, self._gains = plant.packed(), gains.values
         self._hardware = None if self._ideal else plant.packed_hardware()
         self._options = None if self._ideal else gains.options
 
     def start(self, plant: Plant) -> None:
-        """Put ``plant`` to its start at the next sample; noise and time go on."""
+        """Reset ``plant`` to its start at the next sample; noise and time continue."""
         self._state = start_of(plant, self._state._replace(tick=self._state.tick + 1))
         self._memory = memory_at(self._state, plant)
 
     def forget(self) -> None:
-        """Empty the memory of the controller."""
+        """Clear the memory of the controller."""
         self._law_state = FRESH
 
     def fill(self, trace: Trace, step_on: bool = True) -> None:
@@ -131,7 +131,7 @@ class ClosedLoop:
 
 
 def first_diverged(trace: Trace) -> int | None:
-    """Return the first sample whose state leaves all bounds, None for none."""
+    """Return the first sample with a diverged state, or None."""
     x, v = trace.position, trace.velocity
     if np.max([x.max(), -x.min(), v.max(), -v.min()]) < DIVERGED:
         return None
@@ -139,7 +139,7 @@ def first_diverged(trace: Trace) -> int | None:
 
 
 def measured_states(trace: Trace, tick: int) -> np.ndarray:
-    """Return what is published of the states from ``tick`` on: shape (n,), dtype STATE."""
+    """Return the states from ``tick`` on as published: shape (n,), dtype STATE."""
     states = np.zeros(len(trace.position), STATE)
     states['tick'] = tick + np.arange(len(states))
     states['position'], states['velocity'] = trace.measured_position, trace.measured_velocity
@@ -159,10 +159,10 @@ def blocks_of(
     plant: Plant, gains: ControlGains, count: int, start_ns: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """
-    Yield ``count`` states, as measured, and their answers in blocks: dtypes STATE and COMMAND.
+    Yield ``count`` measured states and their answers in blocks: dtypes STATE and COMMAND.
 
-    Memory does not grow with ``count``. Raises `DivergedError`, with the stamp of a run that
-    starts at ``start_ns``, after the last state within bounds.
+    Memory use does not grow with ``count``. After the last state within bounds, raises
+    `DivergedError` with the stamp of the diverged state in a run that starts at ``start_ns``.
     """
     loop = ClosedLoop(plant, gains)
     for first in range(0, count, BLOCK):

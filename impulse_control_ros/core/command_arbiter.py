@@ -18,11 +18,11 @@ Stamp = tuple[int, int]
 
 class CommandArbiter:
     """
-    Selects the commands for the plant of ``run``, which waits for them in ``lockstep``.
+    Selects the commands for the plant of ``run``; in ``lockstep`` the plant waits for them.
 
-    ``header`` is the header of its states. ``effort`` [N] is the applied effort, ``awaiting``
-    tells whether the present state is unanswered, and ``silence`` for how long. ``counts`` has
-    the commands by outcome. Times ``now`` are in s, of one clock.
+    ``header`` is the header of the plant's states and ``effort`` [N] the applied effort.
+    ``awaiting`` is true while the present state is unanswered; ``silence`` measures how long.
+    ``counts`` counts the commands by outcome. All times ``now`` [s] come from one clock.
     """
 
     def __init__(self, run: str, lockstep: bool, now: float) -> None:
@@ -33,9 +33,9 @@ class CommandArbiter:
         )
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
-        self._newest: Stamp = (0, 0)  # newest one applied, without lockstep
+        self._newest: Stamp = (0, 0)  # stamp of the newest applied command, without lockstep
         self._asked_at = now
-        self._round_trip = 0.0  # s; follows the median of the time from state to command
+        self._round_trip = 0.0  # s; tracks the median time from state to command
 
     def expect(self, stamp: Stamp, now: float) -> None:
         """Expect the command for the state of ``stamp``, published ``now``."""
@@ -52,7 +52,7 @@ class CommandArbiter:
         self.header, verdict = judge_command(before, sender, is_due)
         if verdict is not Verdict.ACTS:
             self.counts[verdict.name.lower()] += 1
-            # a foreign controller whose stamps are wrong is stale for ever
+            # a foreign controller with wrong stamps would be stale for ever
             if verdict is Verdict.STALE and sender.author == before.controller != FOREIGN:
                 self.silence.hear()
             return verdict
@@ -68,8 +68,8 @@ class CommandArbiter:
         return verdict
 
     def _is_newest(self, stamp: Stamp, sender: CommandHeader) -> bool:
-        """Tell whether a command is newer than those already applied from its author."""
-        if stamp == (0, 0):  # it answers no state
+        """Return whether a command is newer than the last one applied from its author."""
+        if stamp == (0, 0):  # the command answers no state
             return True
         known = sender.author == self.header.controller
         if sender.author == FOREIGN:
@@ -82,7 +82,7 @@ class CommandArbiter:
         return max(SOON, ROUND_TRIPS * self._round_trip)
 
     def drop_silent(self, timeout: float) -> bool:
-        """Drop the active controller after ``timeout`` [s] of silence; returns whether it did."""
+        """Drop the active controller if silent for ``timeout`` [s]; return whether it was."""
         if self._lockstep and not self.awaiting:
             return False  # the next state names the author of the command that acts
         before = self.header
@@ -90,5 +90,5 @@ class CommandArbiter:
         return before is not self.header and before.controller != ''
 
     def reset(self) -> None:
-        """Begin the next episode, with 0 N until the next command."""
+        """Begin the next episode; the effort is 0 N until the next command."""
         self.header, self.effort = after_reset(self.header), 0.0

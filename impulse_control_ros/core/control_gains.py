@@ -2,7 +2,7 @@
 Gains and options of the control law (Table I), and their packed form for the kernels.
 
 The fields of `ControlGains` are the parameters of the controller. The kernels read `Gains` and
-`LawOptions`: all values as floats, with what is derived from them.
+`LawOptions`, which hold these and derived values as floats.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ class Gains(NamedTuple):
     Gains of the law, by the names of `ControlGains`.
 
     Derived: position_gain = 2 alpha / abs(v) [kg], velocity_gain = 2 beta / abs(e) [N s/m],
-    sample_rate = 1 / time_step [Hz]. No effort_limit is an infinite one.
+    sample_rate = 1 / time_step [Hz]. Without a limit, ``effort_limit`` is infinite.
     """
 
     K: float
@@ -43,9 +43,9 @@ class LawOptions(NamedTuple):
     """
     Options of the law for real signals, by the names of `ControlGains`.
 
-    Derived: lookahead_time [s], release_velocity [m/s], beyond which an axis at rest moves again,
-    pole = exp(-2 pi velocity_bandwidth time_step), inverse_m [1/kg], integral_gain = K_i
-    time_step [N/m], and whether the velocity is estimated.
+    Derived: lookahead_time [s], release_velocity [m/s] above which an axis at rest moves again,
+    pole = exp(-2 pi velocity_bandwidth time_step), inverse_m [1/kg], integral_gain = K_i time_step
+    [N/m], and estimates, 1 if the velocity is estimated.
     """
 
     lookahead_time: float
@@ -59,7 +59,7 @@ class LawOptions(NamedTuple):
 
 
 LAW = np.dtype([(name, 'f8') for name in (*Gains._fields, *LawOptions._fields)])
-# the values of the parameters with which all options are off
+# parameter values that switch all options off
 OFF: Mapping[str, Any] = {
     'guard_lookahead': 0.0,
     'position_hysteresis': 0.0,
@@ -155,11 +155,11 @@ class ControlGains(Parameters):
     )
 
     def check(self) -> None:
-        """Stamps are integers: the sampling period is a whole number of nanoseconds."""
+        """Require a sampling period of whole nanoseconds, since stamps are integers."""
         nanoseconds(self.time_step, 'time_step')
 
     def packed(self) -> np.ndarray:
-        """Return the kernels' view: shape (1,), dtype LAW."""
+        """Return the values as the kernels read them: shape (1,), dtype LAW."""
         return packed_law(self.flat(), 1)
 
     @cached_property
@@ -191,7 +191,7 @@ def packed_law(values: Mapping[str, Any], runs: int) -> np.ndarray:
         'lookahead_time': np.asarray(values['guard_lookahead']) * values['time_step'],
         'release_velocity': np.asarray(values['velocity_deadband'])
         + values['velocity_hysteresis'],
-        # math's exp, value by value: numpy's differs in the last bit from machine to machine
+        # math.exp, value by value: numpy.exp differs in the last bit between machines
         'pole': [math.exp(-2.0 * math.pi * item) for item in turn.tolist()],
         'inverse_m': 1.0 / np.asarray(values['m']),
         'integral_gain': np.asarray(values['K_i']) * values['time_step'],

@@ -14,43 +14,44 @@ I             integral            N        K_i times the integral of e
 p             pole                1        exp(-2 pi velocity_bandwidth dt)
 ============  ==================  =======  ===============================================
 
-The guards see samples only, and compare signs, never products (products underflow):
+The guards see only samples and compare signs, not products, which underflow:
 
-* position zero: the sign of e differs from that of the sample before, judged by its own and by
-  the present set-point, so that a set-point jump is no crossing and a ramp fires once. The
-  sample at exactly zero fires, the one after it does not. It needs abs(v) > velocity_deadband.
-* velocity zero: the sign of v (0 within velocity_deadband) differs from that of the sample
-  before, unless an impulse of our own acted in between. It needs abs(e) > position_deadband.
-* sticking: the velocity was zero at this sample and at the one before. The first sample, and
-  the first one after a set-point change, count as an arrival at zero velocity.
+* position zero: the sign of e differs from its sign at the previous sample, judged by both the
+  previous and the present set-point, so that a set-point jump is no crossing and a ramp fires
+  once. A sample at exactly zero fires, the next one does not. The guard needs abs(v) >
+  velocity_deadband.
+* velocity zero: the sign of v (0 within velocity_deadband) differs from its sign at the previous
+  sample, unless an impulse acted in between. The guard needs abs(e) > position_deadband.
+* sticking: the velocity is zero at this and the previous sample. Zero velocity at the first
+  sample, or at the first one after a set-point change, counts as a velocity zero instead.
 
-A sample that meets both guards acts as a position zero. An impulse of area J leaves as an
-effort of J / dt for one sample. Under an effort limit the rest of the area is pending, and
-velocity guards rest until it has left or impulses are switched off. Pending area is dropped where
-it would push the axis away from the set-point. After a position zero no impulse starts for
-hold_off samples.
+A sample that meets a position and a velocity guard fires as a position zero. An impulse of area J
+is applied as an effort of J / dt for one sample. Area that exceeds effort_limit stays pending, and
+velocity guards are disabled until it has been applied or impulses are switched off. Pending area
+is dropped where it would push the axis away from the set-point. After a position zero, no impulse
+starts for hold_off samples.
 
-Options for encoder steps, noise and no velocity at all (`LawOptions`):
+Options for encoder steps, noise and unmeasured velocity (`LawOptions`):
 
-* guard_lookahead: a position zero is one of e + guard_lookahead dt v. With 0.5 the impulse
-  starts 0.25 samples off the crossing in the mean, in place of 0.5.
-* position_hysteresis: a position zero disarms its guard until abs(e) has been larger, so an
-  encoder that flickers between two steps is one crossing.
-* velocity_hysteresis: an axis at rest moves again beyond velocity_deadband +
-  velocity_hysteresis, so noise at the edge of the dead band is no arrival at zero.
-* stiction_wait_samples: the axis has rested for that long since the last impulse before the
-  next one, so the effect of the last one is seen. Behind a delay of n samples there would be n
-  impulses for one. A set-point change at rest waits too, or a ramp would fire at each sample.
-* K_i: the feedback is -K e - D v - I with I+ = I + K_i e dt. While effort_limit clips it and e
-  would drive it further, I is held.
-* Without a measured velocity (nan), and with velocity_source: estimated, v is the filtered
+* guard_lookahead: position zeros are detected on e + guard_lookahead dt v. With 0.5 the impulse
+  starts 0.25 samples off the crossing on average, instead of 0.5.
+* position_hysteresis: a position zero disarms its guard until abs(e) has exceeded the hysteresis,
+  so an encoder that flickers between two steps causes one impulse.
+* velocity_hysteresis: an axis at rest moves again above velocity_deadband + velocity_hysteresis,
+  so noise at the edge of the dead band causes no velocity zero.
+* stiction_wait_samples: an axis at rest waits this long after an impulse before the next one, so
+  that the first can take effect. Otherwise a delay of n samples would cause n impulses instead of
+  one. A set-point change at rest waits too; otherwise a ramp would fire at each sample.
+* K_i: the feedback is -K e - D v - I with I+ = I + K_i e dt. I is held while effort_limit clips
+  the feedback and e would drive it further.
+* Without a measured velocity (nan), or with velocity_source: estimated, v is the filtered
   difference of the positions,
 
       v_hat = p (v_hat + J / m) + (1 - p) (x - x_before) / dt,
 
-  where J is the area that left with the last sample: the filter alone would show that jump
-  1 / (2 pi velocity_bandwidth) late. One encoder step q makes v_hat jump by (1 - p) q / dt,
-  some 2 pi velocity_bandwidth q. velocity_deadband is to be twice that.
+  where J is the area applied over the last sample; the filter alone would lag behind that jump by
+  1 / (2 pi velocity_bandwidth). One encoder step q makes v_hat jump by (1 - p) q / dt, about 2 pi
+  velocity_bandwidth q; velocity_deadband should be at least twice that.
 """
 
 from typing import NamedTuple
@@ -63,18 +64,18 @@ from impulse_control_ros.core.jit import compiled, sign
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
-STILL = 1e-12  # m/s; a decaying estimate ends there, before its numbers become denormal
+STILL = 1e-12  # m/s; a smaller estimate is set to 0, before it becomes denormal
 
 
 class LawState(NamedTuple):
     """
-    What the law remembers of the samples before, all as floats; all zero before the first one.
+    Memory of the law between samples, all floats; all zero before the first sample.
 
-    ``guard_position`` [m] is where the position guard looked and ``side`` the sign of its error
-    there, ``direction`` the sign of the velocity, ``pending`` [N s] the area that waits,
-    ``sent`` [N s] the area of which some left with the last sample and ``last_impulse`` [N s]
-    how much, ``hold`` the samples of hold_off that remain. ``velocity`` [m/s] is measured or
-    estimated, ``rest_samples`` counts from the last impulse, ``integral`` [N] is I.
+    ``guard_position`` [m] is the position that the position guard evaluated, ``side`` the sign of
+    the error there, and ``direction`` the sign of the velocity. ``sent`` [N s] is the area due at
+    the last sample, ``last_impulse`` [N s] the part applied and ``pending`` [N s] the rest.
+    ``hold`` counts the remaining samples of hold_off, ``rest_samples`` the samples at rest since
+    the last impulse. ``velocity`` [m/s] is measured or estimated, ``integral`` [N] is I.
     """
 
     started: float
@@ -110,10 +111,10 @@ STATES, GAINS, OPTIONS = len(LawState._fields), len(Gains._fields), len(LawOptio
 @compiled
 def control_step(state, gains, options, position, velocity):
     """
-    Do the law of one sample; return its `Command` and the next `LawState`.
+    Evaluate the law at one sample; return the `Command` and the next `LawState`.
 
-    ``options`` is None where all are off: numba then compiles the law without them. In that form
-    conditions choose values and do nothing else, so a batch computes many runs at once.
+    If ``options`` is None (all off), numba compiles the law without them. Conditions then only
+    select values, so a batch computes many runs at once.
     """
     velocity = velocity_of(state, gains, options, position, velocity)
     error, ahead = position - gains.x_r, looked_at(options, position, velocity)
@@ -129,7 +130,7 @@ def control_step(state, gains, options, position, velocity):
     feedback, integral = feedback_of(gains, options, state.integral, error, velocity)
     effort, pending = saturated(gains, feedback, owed)
     command, left = Command(effort, area, guard, velocity), owed - pending
-    if options is None:  # nothing reads these: the compiled loop is a sixth faster without
+    if options is None:  # unused then; clearing them makes the loop a sixth faster
         position = velocity = left = rest_samples = 0.0
     after = LawState(
         started=1.0,
@@ -155,8 +156,8 @@ def guard_met(state, gains, error, ahead, direction):
     """
     Return the guard that the sample meets.
 
-    Position zeros are those of ``ahead`` [m], the error where the guard looks; ``direction`` is
-    the sign of the velocity.
+    Position zeros are detected on ``ahead`` [m], the error at the lookahead; ``direction`` is the
+    sign of the velocity.
     """
     side, before = sign(ahead), sign(state.guard_position - gains.x_r)
     first = state.started == 0.0
@@ -166,7 +167,7 @@ def guard_met(state, gains, error, ahead, direction):
     crossed = (state.side != 0.0) & (side != state.side) & (side != before)
     crossed = side == 0.0 if first else crossed
 
-    # From the weakest claim to the strongest.
+    # In ascending order of precedence.
     guard = VELOCITY_ZERO if turned else NO_IMPULSE
     guard = STICKING if rests & rested else guard
     guard = VELOCITY_ZERO if rests & (first | (state.x_r != gains.x_r)) else guard
@@ -194,14 +195,14 @@ def within(limit, effort):
 
 @compiled
 def due(pending, area, error, velocity):
-    """Return the pending and the new area [N s]; the former counts unless it drives e away."""
+    """Return the area due [N s]: new plus pending; new only if the sum drives the axis away."""
     way = sign(pending + area)
     return area if (way == sign(error)) & (way == sign(velocity)) else pending + area
 
 
 @compiled
 def saturated(gains, wanted_feedback, owed):
-    """Return the effort [N], with what fits of the ``owed`` area [N s], and what does not."""
+    """Return the clipped effort [N] and the part of the ``owed`` area [N s] that stays pending."""
     feedback = within(gains.effort_limit, wanted_feedback)
     effort, pending = feedback, 0.0
     if owed != 0.0:
@@ -228,7 +229,7 @@ def velocity_of(state, gains, options, position, velocity):
 
 @compiled
 def looked_at(options, position, velocity):
-    """Return where the position guard looks [m]."""
+    """Return the position [m] that the position guard evaluates."""
     if options is None:
         return position
     return position + options.lookahead_time * velocity
@@ -236,7 +237,7 @@ def looked_at(options, position, velocity):
 
 @compiled
 def direction_of(before, gains, options, velocity):
-    """Return the sign of the velocity, 0 at rest; ``before`` is that of the last sample."""
+    """Return the sign of the velocity, 0 at rest; ``before`` is the sign at the last sample."""
     if options is None:
         return 0.0 if abs(velocity) <= gains.velocity_deadband else sign(velocity)
     way, speed = sign(velocity), abs(velocity)
@@ -246,7 +247,7 @@ def direction_of(before, gains, options, velocity):
 
 @compiled
 def armed(guard, state, options, direction, rest_samples):
-    """Return ``guard``, or none where it is disarmed or the rest has been too short."""
+    """Return ``guard``, or NO_IMPULSE if it is disarmed or the axis has rested too briefly."""
     if options is None:
         return guard
     if guard == POSITION_ZERO:
@@ -257,7 +258,7 @@ def armed(guard, state, options, direction, rest_samples):
 
 @compiled
 def is_disarmed(state, options, guard, ahead):
-    """Return whether position zeros are disarmed until the error ``ahead`` has been larger."""
+    """Return 1 while position zeros are disarmed; a larger error ``ahead`` [m] rearms them."""
     if options is None:
         return 0.0
     if abs(ahead) > options.position_hysteresis:
@@ -267,7 +268,7 @@ def is_disarmed(state, options, guard, ahead):
 
 @compiled
 def feedback_of(gains, options, integral, error, velocity):
-    """Return the feedback [N] that is wanted, and the integral [N] in it."""
+    """Return the unclipped feedback [N] and its integral part [N]."""
     proportional = -gains.K * error - gains.D * velocity
     if options is None:
         return proportional, 0.0
@@ -281,23 +282,23 @@ def feedback_of(gains, options, integral, error, velocity):
 
 @compiled
 def gains_of(law):
-    """Return the `Gains` in the values of a LAW record: a float array of its size."""
+    """Return the `Gains` of a LAW record, given as a float array."""
     return Gains(*to_fixed_tuple(law, GAINS))
 
 
 @compiled
 def options_of(law):
-    """Return the `LawOptions` in the values of a LAW record: a float array of its size."""
+    """Return the `LawOptions` of a LAW record, given as a float array."""
     return LawOptions(*to_fixed_tuple(law[GAINS:], OPTIONS))
 
 
 @compiled
 def control_in_place(state, law, position, velocity, command):
     """
-    Do `control_step` on arrays, which Python passes at a tenth of the cost of named tuples.
+    Do `control_step` on arrays, which Python passes ten times faster than named tuples.
 
-    ``state`` and ``law`` have the values of a `LawState` and of a LAW record; ``command`` is of
-    shape (1,), dtype COMMAND.
+    ``state`` and ``law`` hold the values of a `LawState` and a LAW record; ``command`` has shape
+    (1,), dtype COMMAND.
     """
     before = LawState(*to_fixed_tuple(state, STATES))
     answer, after = control_step(before, gains_of(law), options_of(law), position, velocity)
@@ -309,7 +310,7 @@ def control_in_place(state, law, position, velocity, command):
 
 @compiled
 def answer_samples(state, gains, options, position, velocity, commands):
-    """Answer n samples, arrays of shape (n,), into ``commands``; return the last `LawState`."""
+    """Fill ``commands`` with the answers to n samples, shape (n,); return the last `LawState`."""
     for k in range(len(position)):
         answer, state = control_step(state, gains, options, position[k], velocity[k])
         now = commands[k]

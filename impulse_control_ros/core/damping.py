@@ -1,5 +1,5 @@
 """
-Damping profiles d(t) inside the bounds of (1), as a function of the tick.
+Damping profiles d(t) within the bounds (1), as functions of the tick.
 
 ==============  =============  =======  =================================================
 symbol          name           unit     meaning
@@ -10,10 +10,10 @@ f               bandwidth      Hz       corner of the low-pass filter; frequency
 w               noise          1        filtered white noise, zero mean, unit variance
 ==============  =============  =======  =================================================
 
-The noise profile is the paper's Fig. 3: low-pass filtered white noise with a bias. The bias is
-the middle of the bounds and the standard deviation a fifth of their distance; what would leave
-the bounds (1.2 % of the time) is held at them. White noise is a hash of (seed, tick), so it is
-the same whoever computes it, in whatever order: node, simulation, or a batch on many cores.
+The noise profile is the paper's Fig. 3: low-pass filtered white noise with a bias. The bias is the
+midpoint of the bounds and the standard deviation a fifth of their distance; values outside the
+bounds (1.2 % of the time) are clipped to them. White noise is a hash of (seed, tick), so nodes,
+simulations and batches compute the same values in any order.
 """
 
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ DAMPING = np.dtype(
 
 @dataclass(frozen=True, kw_only=True)
 class Damping(Parameters):
-    """A damping profile; ``value`` serves the constant one, the bounds the others."""
+    """A damping profile, constant at ``value`` or varying between ``lower`` and ``upper``."""
 
     kind: str = parameter('constant', '', 'how the damping varies', choices=KINDS)
     value: float = parameter(
@@ -100,7 +100,7 @@ def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np
     for index, kind in enumerate(KINDS):
         profile['kind'][np.asarray(values['kind']) == kind] = index
     profile['turn'] = np.asarray(values['bandwidth']) * time_step
-    # math's exp, value by value: numpy's differs in the last bit from machine to machine.
+    # math.exp, value by value: numpy.exp differs in the last bit between machines.
     profile['pole'] = [math.exp(-2.0 * math.pi * turn) for turn in profile['turn'].tolist()]
     profile['gain'] = np.sqrt(1.0 - profile['pole'] * profile['pole'])
     return profile
@@ -108,7 +108,7 @@ def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np
 
 @compiled
 def word(seed, tick):
-    """Return 64 random bits: the splitmix64 hash of both."""
+    """Return 64 random bits: the splitmix64 hash of ``seed`` and ``tick``."""
     z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(tick)
     for _ in range(2):
         z += np.uint64(0x9E3779B97F4A7C15)
@@ -120,13 +120,13 @@ def word(seed, tick):
 
 @compiled
 def white(seed, tick):
-    """Return white noise of unit variance: uniform."""
+    """Return uniform white noise of unit variance."""
     return (np.float64(word(seed, tick) >> np.uint64(11)) * 2.0**-53 - 0.5) * math.sqrt(12.0)
 
 
 @compiled
 def filtered(noise, pole, gain, seed, tick):
-    """Return the filtered noise of sample ``tick`` from that of the sample before."""
+    """Return the filtered noise at ``tick``, given ``noise`` at the previous sample."""
     fresh = white(seed, tick)
     return fresh if tick == 0 else pole * noise + gain * fresh
 
@@ -147,7 +147,7 @@ def sine(turns):
 
 @compiled
 def within_bounds(kind, value, lower, upper, noise, wave):
-    """Return d of a profile from its filtered noise or its sine wave."""
+    """Return d of a profile, given its filtered noise or its sine wave."""
     share = 0.2 * noise if kind == NOISE else 0.5 * wave
     wanted = 0.5 * (lower + upper) + (upper - lower) * share
     return value if kind == CONSTANT else min(max(wanted, lower), upper)
@@ -155,7 +155,7 @@ def within_bounds(kind, value, lower, upper, noise, wave):
 
 @compiled
 def damping_at(profile, noise, tick):
-    """Return d for the sample that starts at ``tick``, and the filter's noise there."""
+    """Return d and the filtered noise for the sample that starts at ``tick``."""
     wave = 0.0
     if profile.kind == NOISE:
         noise = filtered(noise, profile.pole, profile.gain, profile.seed, tick)

@@ -1,13 +1,13 @@
 """
-Exact solutions, given as arcs (see core/hybrid.py), at any times and on a sampling grid t = k dt.
+Exact solutions (arcs of core/hybrid.py) at any times and on a sampling grid t = k dt.
 
-Over a whole sample of one arc the flow (12) is one affine map, the same for all arcs of one
-damping. With h and H of core/flow.py at t = dt, as a change, so that little is rounded:
+Over a whole sample within an arc, the flow (12) is an affine map that is the same for all arcs of
+equal damping. With h and H of core/flow.py at t = dt, written as a change to limit rounding:
 
     e+ = e - w^2 H e + (h v - f s H),    v+ = v - (w^2 H + 2 g h) v - (w^2 h e + f s h).
 
-Products in place of sin, cos and exp. The flow itself is evaluated where an arc starts and every
-ANCHOR samples, so that rounding errors do not add up.
+The map needs no sin, cos or exp. The flow itself is evaluated at the start of each arc and every
+ANCHOR samples, so rounding errors do not accumulate.
 """
 
 import numba
@@ -20,7 +20,7 @@ ANCHOR = 16
 
 @numba.njit(cache=True)
 def evaluate(arcs, axis, gains, times, errors, velocities):
-    """Fill ``errors`` and ``velocities`` at ``times``, all (n,): after the jumps of a time."""
+    """Fill ``errors`` and ``velocities`` at ``times``, all (n,); at a jump, after the jump."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
     at = 0
     for i in range(len(times)):
@@ -45,11 +45,11 @@ def evaluate(arcs, axis, gains, times, errors, velocities):
 
 @numba.njit(cache=True)
 def sample(arcs, axis, gains, time_step, times, errors, velocities):
-    """Fill ``times`` k ``time_step``, ``errors`` and ``velocities``, all (n,): after the jumps."""
+    """Fill ``times`` (k ``time_step``), ``errors`` and ``velocities``, all (n,), after jumps."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
     for k in range(len(times)):
         times[k] = k * time_step
-    k, damping = 0, 0.0  # no damping is zero (1)
+    k, damping = 0, 0.0  # not a valid damping (1)
     for j in range(len(arcs)):
         arc, until = arcs[j], arcs[j + 1].time if j + 1 < len(arcs) else np.inf
         if arc.direction == 0.0:  # the last arc: the axis rests, or the duration is over

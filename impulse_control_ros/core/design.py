@@ -1,5 +1,5 @@
 """
-Gains from requirements, predictions, and findings on a parameter set: legal, but unwise.
+Gains from requirements, predictions, and findings: values that are valid but unwise.
 
 ============  ==========================  =======  ============================================
 symbol        name                        unit     equation
@@ -15,8 +15,8 @@ t_1           `first_zero_time`           s        first e = 0, from (12)
 v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
 ============  ==========================  =======  ============================================
 
-The predictions are closed forms for constant damping without Coulomb friction, from rest, with
-the first impulse (25) when impulses act; core/hybrid.py has the exact motion of any other case.
+The predictions are closed forms for a start at rest, constant damping and no Coulomb friction,
+with the first impulse (25) if impulses act. core/hybrid.py solves all other cases exactly.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ from impulse_control_ros.core.plant import Plant
 
 
 class Level(Enum):
-    """How grave a finding is; the value says it in a sentence."""
+    """Severity of a finding; the value describes it."""
 
     ERROR = 'the loop does not work so'
     WARNING = 'a condition of the paper does not hold'
@@ -39,7 +39,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One unwise value; ``text`` is a sentence that names it, its unit and the right one."""
+    """One unwise value; ``text`` states the value, its unit and a better one."""
 
     level: Level
     text: str
@@ -56,7 +56,7 @@ def least_stiffness(gains: ControlGains) -> float:
 
 
 def alpha_bounds(m: float, velocity: float) -> tuple[float, float]:
-    """Return the least alpha [N s] and the one it stays below, at e = 0 (19)."""
+    """Return the lower and the excluded upper bound of alpha [N s] at e = 0 (19)."""
     return 0.5 * m * abs(velocity), m * abs(velocity)
 
 
@@ -66,7 +66,7 @@ def beta(gains: ControlGains, error: float) -> float:
 
 
 def dead_zone(gains: ControlGains, F_c: float) -> float:
-    """Return the error F_c / K [m] up to which a standing axis sticks under PD, section IV-C."""
+    """Return the error F_c / K [m] up to which an axis at rest sticks under PD, section IV-C."""
     return F_c / gains.K
 
 
@@ -74,19 +74,19 @@ def sampled_floor(gains: ControlGains, F_c: float) -> float:
     """
     Return the error [m] below which a pulse of one sample does not overcome ``F_c`` [N].
 
-    The pulse is c_event beta / dt with c_event = 2 on arrival: 2 F_c dt / (kappa d_bar) with
-    kappa = 2 / c. K abs(e), which helps the pulse, is neglected beside it.
+    A pulse of c_event beta / dt with c_event = 2 gives 2 F_c dt / (kappa d_bar), kappa = 2 / c.
+    The feedback K abs(e), which helps the pulse, is neglected.
     """
     return gains.c * F_c * gains.time_step / gains.d_bar
 
 
 def quiet_error(gains: ControlGains, F_c: float, m: float, time_constant: float = 0.0) -> float:
     """
-    Return the error [m] above which an impulse releases a standing mass ``m`` [kg], and is seen.
+    Return the error [m] above which an impulse releases ``m`` [kg] fast enough for the guards.
 
-    A release slower than ``velocity_deadband`` is none to the guards: the next impulse is one of
-    a sticking axis, of half the area, and there are impulses on and on below 2 e_floor. The lag
-    of an actuator, ``time_constant`` [s], lowers the pulse to its largest mean over a sample.
+    The guards do not notice a release slower than ``velocity_deadband``. The next impulse is then
+    a sticking impulse of half the area, and below 2 e_floor impulses repeat without end. An
+    actuator lag of ``time_constant`` [s] reduces the pulse to its largest mean over a sample.
     """
     if time_constant > 0.0:
         gone = -math.expm1(-gains.time_step / time_constant)
@@ -98,10 +98,10 @@ def quiet_error(gains: ControlGains, F_c: float, m: float, time_constant: float 
 
 def first_zero_time(gains: ControlGains, d: float) -> float:
     """
-    Return when [s] the axis with damping ``d`` [N s/m], started at rest, first has e = 0.
+    Return the time [s] at which an axis with damping ``d`` [N s/m], from rest, first has e = 0.
 
-    It is the first zero of (12) from e = 1, v = -d_bar / (c m) (17)(26), or v = 0 without
-    impulses; as all is linear, it is the same from any start. inf when there is none.
+    This is the first zero of (12) from e = 1, v = -d_bar / (c m) (17)(26), or v = 0 without
+    impulses; inf if there is none. By linearity, the time is the same for any initial error.
     """
     rate, stiffness, v = _start(gains, d)
     return float(first_zero(1.0, v + rate, rate, stiffness))
@@ -111,8 +111,9 @@ def peak_speed(gains: ControlGains, d: float, error: float) -> float:
     """
     Return the largest abs(v) [m/s] from rest at ``error`` [m] up to the first e = 0.
 
-    It is abs(v) after the first impulse, or where the acceleration vanishes, whose flow is (12)
-    too: its first zero follows from its start a = -(w^2 e + 2 g v) and jerk -(w^2 v + 2 g a).
+    The peak is abs(v) after the first impulse or where the acceleration vanishes. The acceleration
+    obeys (12) too: its first zero follows from its initial value a = -(w^2 e + 2 g v) and the jerk
+    -(w^2 v + 2 g a).
     """
     rate, stiffness, v = _start(gains, d)
     a = -(stiffness + 2.0 * rate * v)
@@ -129,7 +130,7 @@ def _start(gains: ControlGains, d: float) -> tuple[float, float, float]:
 
 
 def check_gains(gains: ControlGains, plant: Plant | None = None) -> list[Finding]:
-    """Return what is unwise about ``gains``, alone and with the ``plant`` if that is known."""
+    """Return the findings on ``gains``, including those with the ``plant`` if it is known."""
     found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
     if plant is not None:
         found += [
@@ -153,7 +154,7 @@ def check_gains(gains: ControlGains, plant: Plant | None = None) -> list[Finding
 
 
 def _on_damping(gains: ControlGains) -> Iterator[Finding]:
-    """Judge D by `critical_damping`."""
+    """Compare D with `critical_damping`."""
     right = critical_damping(gains)
     if math.isclose(gains.D, right, rel_tol=1e-6, abs_tol=1e-9):
         return
@@ -174,7 +175,7 @@ def _on_damping(gains: ControlGains) -> Iterator[Finding]:
 
 
 def _on_integral(gains: ControlGains) -> Iterator[Finding]:
-    """Judge K_i by Routh: m s^3 + (D + d) s^2 + K s + K_i is stable if (D + d) K > m K_i."""
+    """Check K_i by Routh: m s^3 + (D + d) s^2 + K s + K_i is stable if (D + d) K > m K_i."""
     most = gains.D * gains.K / gains.m
     if gains.K_i > 0.0 and gains.K_i >= most:
         yield Finding(
@@ -187,7 +188,7 @@ def _on_integral(gains: ControlGains) -> Iterator[Finding]:
 
 
 def _on_guards(gains: ControlGains) -> Iterator[Finding]:
-    """Judge what makes the jumps other than the paper's figures show them."""
+    """Report settings that make the jumps differ from the paper's figures."""
     if gains.impulses and gains.c == 1.0:
         yield Finding(
             level=Level.NOTE,
@@ -209,7 +210,7 @@ def _on_guards(gains: ControlGains) -> Iterator[Finding]:
 
 
 def _on_mass(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
-    """Judge the controller's m by (19), in which alpha_ratio m / (mass of the axis) acts."""
+    """Check the controller's m by (19): the ratio in effect is alpha_ratio m / (axis mass)."""
     masses = {plant.m: 'axis'}
     masses.setdefault(plant.m + plant.payload.mass, 'axis with its payload')
     for mass, of in masses.items():
@@ -233,7 +234,7 @@ def _on_mass(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
 
 
 def _on_bound(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
-    """Judge d_bar by the damping (1)."""
+    """Check that d_bar bounds the damping (1)."""
     damping = plant.damping
     greatest = damping.value if damping.kind == 'constant' else damping.upper
     if greatest > gains.d_bar:
@@ -247,7 +248,7 @@ def _on_bound(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
 
 
 def _on_friction(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
-    """Judge what friction at rest does to the end of the motion, section IV-C."""
+    """Check the effect of friction at rest on the end of the motion, section IV-C."""
     name, friction = max(('F_c', plant.F_c), ('F_s', plant.stribeck.F_s), key=lambda one: one[1])
     if friction == 0.0:
         return
@@ -287,7 +288,7 @@ def _on_friction(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
 
 
 def _least_error(gains: ControlGains, resolution: float) -> float:
-    """Return the least error [m] beyond position_deadband that an encoder of these steps shows."""
+    """Return the smallest measurable error [m] beyond position_deadband at this encoder step."""
     if resolution == 0.0:
         return gains.position_deadband
     offset = math.remainder(gains.x_r, resolution)
@@ -299,7 +300,7 @@ def _least_error(gains: ControlGains, resolution: float) -> float:
 
 
 def _on_signals(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
-    """Judge what the sensor shows of an axis at rest, and what the actuator gives."""
+    """Check the gains against the sensor's signals at rest and the actuator's limits."""
     if not gains.impulses:
         return
     sensor, actuator, most = plant.sensor, plant.actuator, plant.actuator.limit

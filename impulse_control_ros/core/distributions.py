@@ -1,9 +1,9 @@
 """
-Distributions by which a sweep varies a parameter.
+Distributions from which a sweep takes parameter values.
 
-An axis lists its values; a sweep runs every combination of its axes. A draw is made by inversion
-from u, uniform in (0, 1), or from z, its 64 bits; both are a hash of (seed, name, i) alone, so
-that draw i is the same whatever is drawn beside it, before it or where.
+An axis lists its values; a sweep runs every combination of its axes. A draw is computed by
+inversion from u, uniform in (0, 1), or from the 64 bits z of u. Both are a hash of (seed, name, i)
+only, so draw i depends neither on other draws nor on the machine.
 
 ============  ===========  =======================  ======================
 distribution  arguments    value                    kind
@@ -33,19 +33,19 @@ from impulse_control_ros.errors import ParameterError
 
 MOST_POINTS = 100_000
 LARGEST = 1e300  # far below overflow
-BLOCK = 65_536  # draws that are looked at together
+BLOCK = 65_536  # draws processed at once
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
-    """A distribution of `DISTRIBUTIONS` by its ``kind``, with its ``arguments``."""
+    """A distribution: its ``kind``, one of `DISTRIBUTIONS`, and its ``arguments``."""
 
     kind: str
     arguments: tuple[Any, ...]
 
     @property
     def is_axis(self) -> bool:
-        """Tell an axis from a draw."""
+        """Whether the distribution is an axis, not a draw."""
         return self.kind in AXES
 
     def points(self) -> list[Any]:
@@ -53,7 +53,7 @@ class Distribution:
         return AXES[self.kind](*self.arguments)
 
     def draws(self, seed: int, name: str, first: int, count: int) -> list[Any]:
-        """Return the draws from ``first`` on of the parameter ``name``."""
+        """Return ``count`` draws of the parameter ``name``, from number ``first`` on."""
         return self._of(words(seed, name, first, count))
 
     def _of(self, bits: np.ndarray) -> list[Any]:
@@ -64,7 +64,7 @@ class Distribution:
         return DRAWS[self.kind](*self.arguments)(np.minimum(share, ALMOST_ONE).tolist())
 
     def extremes(self, seed: int, name: str, count: int) -> list[Any]:
-        """Return values between which all others lie; of `choice` and axes, all values."""
+        """Return the extreme values; for `choice` and axes, all values."""
         if self.is_axis:
             return self.points()
         if self.kind == 'normal':
@@ -86,9 +86,9 @@ ALMOST_ONE = math.nextafter(1.0, 0.0)
 
 def words(seed: int, name: str, first: int, count: int) -> np.ndarray:
     """
-    Return the 64-bit words from ``first`` on of the stream of (seed, name), shape (count,).
+    Return 64-bit words of the stream of (seed, name), from ``first`` on: shape (count,).
 
-    Philox is a hash of a counter that counts four words at a time, so it is entered anywhere.
+    Philox hashes a counter, four words at a time, so the stream can be entered anywhere.
     """
     entropy = np.random.SeedSequence([seed, int.from_bytes(name.encode(), 'little')])
     stream = np.random.Philox(entropy)
@@ -96,7 +96,7 @@ def words(seed: int, name: str, first: int, count: int) -> np.ndarray:
     return np.asarray(stream.random_raw(first % 4 + count)[first % 4 :])
 
 
-# math's functions, value by value: numpy's differ in the last bit from machine to machine.
+# math's functions, value by value: numpy's differ in the last bit between machines.
 def _grid(a: float, b: float, n: int) -> list[Any]:
     return [a + (b - a) * k / (n - 1) for k in range(n)]
 
@@ -137,7 +137,7 @@ DRAWS: Mapping[str, Callable[..., Callable[[list[float]], list[Any]]]] = {
 }
 DISTRIBUTIONS = (*AXES, *DRAWS, 'seeds')
 LISTS = ('values', 'choice')
-# by the type of the parameter
+# distributions that suit the type of a parameter
 SUITED = {float: DISTRIBUTIONS[:-1], int: ('grid', *LISTS, 'seeds'), bool: LISTS, str: LISTS}
 ALLOWED = {
     'values': 'a list of different values',
@@ -155,7 +155,7 @@ def distribution_of(name: str, given: Any) -> Distribution:
     """
     Return the distribution of the parameter ``name`` from e.g. ``{'uniform': [0.5, 1.5]}``.
 
-    Raises `ParameterError` for anything else than one distribution with arguments it can have.
+    Raises `ParameterError` unless ``given`` is one distribution with valid arguments.
     """
     if not isinstance(given, Mapping) or len(given) != 1:
         raise refusal(name, given, f'one distribution: {", ".join(DISTRIBUTIONS)}')

@@ -18,9 +18,9 @@ With E = exp(-g t), C = cos(r t), h = E sin(r t) / r and H the integral of h fro
 
     e(t) = e (E C + g h) + v h - f s H,    v(t) = v E C - (w^2 e + f s + g v) h;
 
-overdamped, cos and sin become cosh and sinh of abs(r). Nothing here cancels or overflows near
-critical damping, far from it, or for short times. The zero of the velocity, and without
-friction that of the position, have closed forms; with friction Newton's method starts there.
+if overdamped, cos and sin become cosh and sinh of abs(r). The code avoids cancellation and
+overflow near critical damping, far from it, and for short times. The velocity zero has a closed
+form; so has the position zero without friction, which starts Newton's method with friction.
 """
 
 import math
@@ -34,7 +34,7 @@ def series(rate, stiffness, t):
     turn, pull = -2.0 * rate * t, -stiffness * t * t
     slope, first, second = 1.0, 1.0, 0.5
     before, term = 0.0, 1.0
-    for n in range(1, 11):  # constant, so that the compiler knows the reciprocals
+    for n in range(1, 11):  # constant bounds: the compiler precomputes the reciprocals
         before, term = (
             term,
             (term * (turn * (1.0 / (n + 1))) + before * (pull * (1.0 / (n * (n + 1))))),
@@ -47,7 +47,7 @@ def series(rate, stiffness, t):
 
 @numba.njit(cache=True)
 def response(rate, stiffness, t):
-    """Return E C, h and H at time ``t`` [s]: (12), sound on both sides of critical damping."""
+    """Return E C, h and H of (12) at ``t`` [s], accurate on both sides of critical damping."""
     if max(rate * rate, stiffness) * t * t < 1e-2:
         return series(rate, stiffness, t)
     curvature = stiffness - rate * rate
@@ -80,12 +80,12 @@ def first_zero(value, slope, rate, stiffness):
     """
     Return the first t > 0 with ``value`` C + ``slope`` sin(r t) / r = 0, or inf.
 
-    ``value`` >= 0; ``slope`` is the derivative plus ``rate`` times the value. A value that
-    starts at zero returns there after half a period.
+    ``value`` must be >= 0; ``slope`` is the derivative plus ``rate`` times ``value``. A start at
+    zero returns to zero after half a period.
     """
     curvature = stiffness - rate * rate
     if abs(curvature) * value * value < 1e-3 * slope * slope and slope < 0.0:
-        # A short time: the series of arctan, and of artanh, alike. Half the cost of what follows.
+        # For short times, one series serves arctan and artanh at half the cost of the code below.
         q = curvature * (value / slope) ** 2
         return (
             -value / slope * (1.0 - q * (1 / 3 - q * (1 / 5 - q * (1 / 7 - q * (1 / 9 - q / 11)))))
@@ -102,7 +102,7 @@ def first_zero(value, slope, rate, stiffness):
 
 @numba.njit(cache=True)
 def crossing(error, velocity, direction, rate, stiffness, friction, upper):
-    """Return the time [s] in (0, ``upper``] of e = 0, which the motion is known to cross."""
+    """Return the time [s] of e = 0, which the motion must cross within (0, ``upper``]."""
     lower = 0.0
     t = min(first_zero(abs(error), -direction * (velocity + rate * error), rate, stiffness), upper)
     for _ in range(100):
@@ -114,6 +114,6 @@ def crossing(error, velocity, direction, rate, stiffness, friction, upper):
         closer = t - e / v if v != 0.0 else upper
         if abs(closer - t) <= 2e-16 * t:
             break
-        # Friction may bend Newton's step out of the bracket; bisect then.
+        # Bisect if friction takes Newton's step out of the bracket.
         t = closer if lower < closer < upper else 0.5 * (lower + upper)
     return t

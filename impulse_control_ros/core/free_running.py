@@ -1,4 +1,4 @@
-"""What a controller watches of a plant that does not wait for it."""
+"""How a controller monitors a plant that does not wait for it."""
 
 from impulse_control_ros.core.tick import SECOND
 
@@ -7,9 +7,9 @@ LEAST_ANSWERED, RATE_TOLERANCE = 100, 0.2
 
 class StateTimeout:
     """
-    Tells when states stay away: the plant would go on with the last effort.
+    Detects that states have stopped arriving, while the plant holds the last effort.
 
-    ``deserted`` tells that they do.
+    ``deserted`` is true from then until the next state.
     """
 
     def __init__(self) -> None:
@@ -17,11 +17,11 @@ class StateTimeout:
         self._answered, self._since = 0, 0.0
 
     def forget(self) -> None:
-        """Begin with the next answer."""
+        """Restart with the next answer."""
         self.deserted, self._answered = False, 0
 
     def is_due(self, answered: int, now: float, timeout: float) -> bool:
-        """Tell each ``timeout`` [s] without a state; ``answered`` counts those that came."""
+        """Return True once per ``timeout`` [s] without a state; ``answered`` counts the states."""
         if answered != self._answered:
             self._answered, self._since, self.deserted = answered, now, False
             return False
@@ -32,24 +32,24 @@ class StateTimeout:
 
 
 class StateRate:
-    """How many states have been lost, and whether they come at the right rate."""
+    """Counts lost states and checks the rate at which states arrive."""
 
     def __init__(self, step_ns: int) -> None:
         self.step_ns = step_ns
         self._first = self._answered = self._lost_before = 0
 
     def begin(self, stamp: int, answered: int, last: int) -> None:
-        """Note the stamp [ns] of a first state: what was since the ``last`` one is not lost."""
+        """Begin with the ``stamp`` [ns] of a first state; the gap since ``last`` is not a loss."""
         self._lost_before = self.lost(last, answered)
         self._first, self._answered = stamp, answered
 
     def lost(self, stamp: int, answered: int) -> int:
-        """Return how many states are missing up to that of ``stamp``, of those ``answered``."""
+        """Return the number of states lost up to ``stamp`` [ns], if ``answered`` have arrived."""
         steps, count = (stamp - self._first) // self.step_ns, answered - self._answered
         return self._lost_before + (max(0, steps + 1 - count) if count else 0)
 
     def wrong(self, stamp: int, answered: int) -> str:
-        """Say that states come at another rate than time_step: impulses have another area."""
+        """Return a warning if the state rate is not 1 / time_step: this alters impulse areas."""
         count = answered - self._answered
         if count < LEAST_ANSWERED:
             return ''

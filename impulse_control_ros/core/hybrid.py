@@ -12,13 +12,13 @@ J             jump                -        jump map (17)
 alpha, beta   alpha_ratio, d_bar  N s      gains (19)(26) of the jumps, by `impulse_area`
 ============  ==================  =======  ====================================================
 
-Between events the motion has one direction, and Coulomb friction is constant there. At v = 0
-the axis sticks when K abs(e) <= F_c (section IV-C), for ever without impulses; an impulse
-releases it. A start at v = 0, or at e = 0, lies on the guard: the first jump is at t = 0.
+Between events the axis moves in one direction, and Coulomb friction is constant. At v = 0 the axis
+sticks if K abs(e) <= F_c (section IV-C) until an impulse releases it. A start at v = 0 or e = 0
+lies on a guard, so the first jump is at t = 0.
 
-A jump at e = 0 leaves the state on the guard, and (10) can be read in two ways (`Reading`).
-The ideal system knows no samples: effort_limit, the dead bands, hold_off and time_step do not
-apply, and c_event (15) is always 2, for no velocity zero lasts.
+After a jump at e = 0 the state is still on the guard, and (10) can be read in two ways
+(`Reading`). The ideal system has no samples: effort_limit, the dead bands, hold_off and time_step
+do not apply, and c_event (15) is always 2 because no velocity zero lasts.
 """
 
 from dataclasses import dataclass
@@ -71,14 +71,14 @@ EVENT = np.dtype(
 
 
 class Reading(Enum):
-    """How (10) is read at e = 0, where the state after a jump lies on the guard again."""
+    """Reading of (10) at e = 0, where the state after a jump is still on the guard."""
 
     STRICT = 'jump again and again, each time by 1 - 2 alpha_ratio: at rest at that instant'
     ONE_JUMP = 'one jump for each crossing, then flow: the axis bounces'
 
 
 class End(Enum):
-    """Why a solution ends; the value says it in a sentence."""
+    """Why a solution ends; the value is a sentence."""
 
     DURATION = 'the duration is reached'
     ORIGIN = 'the axis rests in the origin'
@@ -90,7 +90,7 @@ class End(Enum):
 
 ENDS = tuple(End)
 DURATION, ORIGIN, STICKS, EVENT_LIMIT, ENDLESS_JUMPS, DIVERGES, FLOWS = range(len(ENDS) + 1)
-ROUNDED = 1.0 + 1e-12  # a number of samples times their length may exceed the duration so far
+ROUNDED = 1.0 + 1e-12  # tolerated ratio of samples times time step to the duration
 BEYOND = 1e100  # far above any motion, far below overflow
 
 
@@ -99,8 +99,8 @@ def next_guard(error, velocity, direction, rate, stiffness, friction, span):
     """
     Flow to the first guard, for at most ``span`` seconds.
 
-    Returns (guard, elapsed time, error, velocity). Until its velocity zero the motion is
-    monotone, so it crosses e = 0 exactly when it comes from the other side and ends beyond.
+    Returns (guard, elapsed time, error, velocity). The motion is monotone up to its velocity zero,
+    so it crosses e = 0 exactly if it starts before and ends at or beyond e = 0.
     """
     pull = stiffness * error + friction * direction + rate * velocity
     stop = first_zero(abs(velocity), -direction * pull, rate, stiffness)
@@ -117,7 +117,7 @@ def next_guard(error, velocity, direction, rate, stiffness, friction, span):
 
 @numba.njit(cache=True)
 def jump(guard, gains, m, error, velocity):
-    """Return the velocity [m/s] after one jump (17); without a guard there is none."""
+    """Return the velocity [m/s] after one jump (17), unchanged without a guard."""
     if guard == NO_IMPULSE:
         return velocity
     return velocity + impulse_area(guard, gains, error, velocity) / m
@@ -126,9 +126,9 @@ def jump(guard, gains, m, error, velocity):
 @numba.njit(cache=True)
 def depart(axis, gains, strict, guard, error, velocity, left):
     """
-    Take the jumps of one instant, ``left`` [s] before the duration.
+    Take the jumps of one instant, ``left`` [s] before the end of the duration.
 
-    Returns (velocity after them, direction of the motion that follows, index in ENDS).
+    Returns (velocity after the jumps, direction of the next motion, index in ENDS).
     """
     after = jump(guard, gains, axis.m, error, velocity)
     if guard == POSITION_ZERO and strict:
@@ -157,8 +157,8 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
     """
     Chain jumps and arcs from (error, velocity) at t = 0.
 
-    ``breaks`` (n,) [s], ``dampings`` (n + 1,) [N s/m]. Returns the arcs, shape (count,), dtype
-    ARC, then the index of the end in ENDS and its time [s].
+    ``breaks`` [s] has shape (n,), ``dampings`` [N s/m] shape (n + 1,). Returns the arcs, shape
+    (count,), dtype ARC, then the index of the end in ENDS and its time [s].
     """
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
     arcs, count, events, piece, t = np.empty(128, ARC), 0, 0, 0, 0.0
@@ -207,14 +207,14 @@ class Solution(Trajectory):
     """
     An exact solution.
 
-    ``events`` has dtype EVENT, one row a jump (the whole series of a strict one): time [s],
-    guard (index in `GUARDS`), position [m], velocity before and after [m/s]. ``end`` says why
-    the solution ends and ``end_time`` [s] when. ``arcs`` (dtype ARC), ``axis`` and ``gains``
-    are what `at` evaluates.
+    ``events`` has dtype EVENT and one row per jump, or per strict series of jumps: time [s], guard
+    (index in `GUARDS`), position [m], velocity before and after [m/s]. ``end`` says why the
+    solution ends and ``end_time`` [s] when. `at` evaluates ``arcs`` (dtype ARC), ``axis`` and
+    ``gains``.
 
-    ``time``, ``position``, ``velocity`` and ``effort``, the feedback -K e - D v without the
-    jumps, are sampled at the plant's time step: as `Run` has them, until the ``duration`` [s] or
-    an end before it that the axis does not rest in.
+    ``time``, ``position``, ``velocity`` and ``effort`` (the feedback -K e - D v, without jumps)
+    are sampled at the plant's time step, as in `Run`. The samples extend to the ``duration`` [s],
+    or to an earlier end at which the axis is not at rest.
     """
 
     events: np.ndarray
@@ -259,21 +259,21 @@ class Solution(Trajectory):
         return np.full(len(self.time), self.x_r)
 
     def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sample at each jump, or the next one, and the guard."""
+        """Return the sample at or after each jump, and its guard."""
         at = np.searchsorted(self.time, self.events['time'])
         return np.minimum(at, len(self.time) - 1), self.events['guard']
 
     @property
     def last(self) -> float:
-        """Return the last time [s] that is known; an axis at rest stays there for ever."""
+        """The last known time [s]; inf if the axis stays at rest."""
         return math.inf if self.end in (End.ORIGIN, End.STICKS) else self.end_time
 
     def at(self, time: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """
         Return position [m] and velocity [m/s] at ``time`` [s], in its shape.
 
-        At the time of a jump it is the state after it.
-        Raises `ParameterError` for a time before 0 or after the end.
+        At a jump, the result is the state after the jump. Raises `ParameterError` for a time
+        before 0 or after the end.
         """
         times = np.asarray(time, float)
         wrong = times[~((times >= 0.0) & (times <= self.last))]
@@ -287,7 +287,8 @@ class Solution(Trajectory):
         """
         Return time [s], position [m] and velocity [m/s], all (steps + 1,), as `at` does.
 
-        Many times faster than `at`. Raises `ParameterError` when the last time is after the end.
+        This is many times faster than `at`. Raises `ParameterError` if the last time is after the
+        end.
         """
         if not time_step > 0.0:
             raise refusal('time_step', time_step, '> 0 [s]')
@@ -312,9 +313,9 @@ def solve(
     """
     Solve the ideal closed loop from the plant's start, for at most ``duration`` seconds.
 
-    The damping is ``dampings[i]`` [N s/m], shape (n + 1,), from ``breaks[i - 1]`` to
-    ``breaks[i]`` [s], shape (n,), ascending; without ``dampings`` the plant's constant one.
-    Raises `ParameterError` for values that make no such motion.
+    The damping is ``dampings[i]`` [N s/m], shape (n + 1,), from ``breaks[i - 1]`` to ``breaks[i]``
+    [s], shape (n,), ascending. Without ``dampings``, the plant's constant damping applies. Raises
+    `ParameterError` for invalid values and for a plant that is not ideal.
     """
     require_duration(duration)
     if not plant.is_ideal:
@@ -355,7 +356,7 @@ def solve(
 
 
 def check_pieces(breaks: np.ndarray, dampings: np.ndarray) -> None:
-    """Raise `ParameterError` unless (n,) breaks [s] part (n + 1,) dampings [N s/m]."""
+    """Raise `ParameterError` unless there is one more damping [N s/m] than breaks [s]."""
     if breaks.ndim != 1 or not np.all(np.diff(breaks, prepend=0.0) > 0.0):
         raise refusal('breaks', breaks.tolist(), 'one ascending list of times > 0 [s]')
     if dampings.shape != (breaks.size + 1,):

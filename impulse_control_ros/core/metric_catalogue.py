@@ -1,9 +1,9 @@
 """
 Every metric of a response and every column of its samples: title, unit, meaning.
 
-``analyze``, ``sweep``, ``export_bag``, their pictures and docs/reference/metrics.md take all of it
-from here. A sweep has the metrics that `figures` and a batch compute while they run; of each of
-those smaller is better, so a quantile counts what is undefined as the largest.
+``analyze``, ``sweep``, ``export_bag``, their pictures and docs/reference/metrics.md take all of
+them from here. A sweep has the metrics that `figures` and a batch compute during a run. For each
+of these smaller is better, so a quantile counts undefined values as the largest.
 """
 
 from collections.abc import Callable, Iterable
@@ -49,7 +49,7 @@ class Samples:
     ``time`` [s], ``position`` x [m], ``error`` e = x - x_r [m], ``velocity`` v [m/s], ``command``
     u [N], ``impulse`` [N] the impulsive part of u, ``applied`` [N] the effort until the next
     sample: shape (n,). ``guard`` (index in GUARDS) and ``area`` J [N s]: shape (k,). ``missing``
-    is the number of samples that are not there.
+    is the number of missing samples.
     """
 
     time: np.ndarray
@@ -66,7 +66,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Metric(Quantity):
-    """A metric: ``compute`` gives it for a response; ``undefined`` is the word for nan."""
+    """A metric: ``compute`` evaluates it for a response; ``undefined`` is the text for nan."""
 
     compute: Callable[[Samples], float]
     undefined: str = 'unknown'
@@ -77,7 +77,7 @@ class Metric(Quantity):
         return value if isinstance(value, int) else float(value)
 
     def text(self, value: float) -> str:
-        """Return a value for reading."""
+        """Format a value."""
         if isinstance(value, int):
             return str(value)
         return f'{value:.5g}' if math.isfinite(value) else self.undefined
@@ -211,7 +211,7 @@ SAMPLE_COLUMNS = {
     'damping': Quantity('damping', 'N s/m', 'd, if it was published at this sample'),
     'is_reset': Quantity('is_reset', '', 'whether a run or an episode starts here'),
 }
-PANELS = {  # of a run over time
+PANELS = {  # signals of a run, plotted over time
     'position': SAMPLE_COLUMNS['position'],
     'velocity': SAMPLE_COLUMNS['velocity'],
     'feedback': Quantity('PD effort', 'N', 'u without its impulsive part'),

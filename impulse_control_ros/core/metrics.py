@@ -1,9 +1,9 @@
 """
 Metrics of a recorded or simulated run.
 
-All take arrays of one run on the sampling grid: ``time`` [s] and ``error`` e = x - x_r [m].
-`figures` gives those of a batch at once, from the sums that it keeps while it runs;
-`metric_catalogue` has title, unit and meaning of each.
+The functions take arrays of one run on the sampling grid: ``time`` [s] and ``error`` e = x - x_r
+[m]. `figures` and batches compute the figures of merit together, from running sums.
+`metric_catalogue` has the title, unit and meaning of each metric.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,11 +14,11 @@ import numpy as np
 from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING, VELOCITY_ZERO
 from impulse_control_ros.core.jit import compiled, sign
 
-ROUNDING = 1e-9  # share of an effort, or of 1 N, that is no difference
+ROUNDING = 1e-9  # tolerance relative to an effort or to 1 N
 
 
 class Sums(NamedTuple):
-    """What a run adds up, sample by sample."""
+    """Running sums and maxima of a run."""
 
     overshoot: float
     iae: float
@@ -36,7 +36,7 @@ SUMS = np.dtype([(name, 'f8') for name in Sums._fields])
 
 
 def figures_dtype(tolerances: int) -> np.dtype[np.void]:
-    """Return the dtype of the figures of a run, with that many settling times."""
+    """Return the dtype of a run's figures; ``tolerances`` is the number of settling times."""
     return np.dtype(
         [
             ('settling_time', 'f8', (tolerances,)),
@@ -58,7 +58,7 @@ def settling_time(time: np.ndarray, error: np.ndarray, tolerance: float) -> floa
 
 
 def overshoot(error: np.ndarray) -> float:
-    """Return how far [m] the error goes to the side opposite of where it starts, at most."""
+    """Return the largest error [m] on the side opposite to the start, 0 if none."""
     return float(max(0.0, np.max(-np.sign(error[0]) * error)))
 
 
@@ -85,9 +85,9 @@ def work(position: np.ndarray, effort: np.ndarray) -> float:
 
 def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[int, float]:
     """
-    Return number and whole time [s] of the intervals in which the axis stands beside its goal.
+    Return number and total time [s] of the intervals in which the axis rests off its set-point.
 
-    An interval is two samples in a row, or more, of velocity 0 with an error.
+    An interval has at least two consecutive samples with zero velocity and a nonzero error.
     """
     stands = (velocity == 0.0) & (error != 0.0)
     between = stands[:-1] & stands[1:]
@@ -96,16 +96,16 @@ def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[in
 
 
 def differs(values: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Tell where efforts [N] differ from a reference by more than rounding, shape (n,)."""
+    """Return where efforts [N] differ from a reference by more than rounding, shape (n,)."""
     return np.abs(values - reference) > ROUNDING * np.maximum(1.0, np.abs(values))
 
 
 def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np.ndarray:
     """
-    Return the part [N] of the ``effort`` [N] that impulses are, shape (n,) like all.
+    Return the impulsive part [N] of the ``effort`` [N]; all arrays have shape (n,).
 
-    An impulse acts from the sample that ``fired`` it (bool) until the effort is the ``feedback``
-    [N] again; whatever else differs from the feedback is no impulse.
+    An impulse acts from the sample that ``fired`` it (bool) until the effort equals the
+    ``feedback`` [N] again. Other differences from the feedback are not impulses.
     """
     place, apart = np.arange(len(effort)), differs(effort, feedback)
     last_fired = np.maximum.accumulate(np.where(fired, place, -1))
@@ -131,7 +131,7 @@ def added(sums, side, error, velocity, effort, area, guard):
 
 @compiled
 def outside_since(last, tick, error, tolerance):
-    """Return the last tick at which abs(e) was not within ``tolerance``; nan never is."""
+    """Return the last tick at which abs(e) was not within ``tolerance``; nan is outside."""
     return last if abs(error) <= tolerance else tick
 
 
@@ -158,8 +158,8 @@ def conclude(
     """
     Return the figures of n runs of ``steps`` steps from their sums: shape (n,).
 
-    The errors at the ends are ``first`` and ``last`` [m], shape (n,) like each of the sums;
-    ``outside`` of shape (n, tolerances) is the last tick outside each tolerance, or -1.
+    ``first`` and ``last`` [m] are the errors at both ends, shape (n,) like each of the sums;
+    ``outside``, shape (n, tolerances), is the last tick outside each tolerance, or -1.
     """
     result = np.zeros(outside.shape[0], figures_dtype(outside.shape[1]))
     settled = outside + 1.0
@@ -184,8 +184,8 @@ def figures(
     """
     Return all figures of merit of a run: shape (1,), dtype `figures_dtype`.
 
-    ``time`` [s] from 0, ``error`` [m], ``velocity`` [m/s] and ``effort`` [N] have shape (n,),
-    the ``events`` fields tick, guard and area; the ``tolerances`` [m] are for settling.
+    ``time`` [s] from 0, ``error`` [m], ``velocity`` [m/s] and ``effort`` [N] have shape (n,).
+    ``events`` has the fields tick, guard and area. The settling times are to ``tolerances`` [m].
     """
     areas, guards = np.zeros(len(time)), np.zeros(len(time), np.int64)
     areas[events['tick']], guards[events['tick']] = events['area'], events['guard']

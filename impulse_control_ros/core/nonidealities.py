@@ -1,5 +1,5 @@
 """
-What lies between an ideal axis and a real one, each part off by default.
+Differences between an ideal axis and a real one, each off by default.
 
 ======================  ==========================  ========  ===================================
 symbol                  name                        unit      meaning
@@ -13,16 +13,16 @@ dm                      payload.mass                kg        added to m from pa
 w                       disturbance.force           N         force beside the effort
 ======================  ==========================  ========  ===================================
 
-A command is delayed, then limited, then lagged. The lag's output between two samples is an
-exponential; the axis sees its mean over the sample,
+A command is delayed, then limited, then lagged. The output of the lag between two samples is an
+exponential; its mean over the sample drives the axis,
 
     u = c + (a - c) (1 - p) T / dt,    a+ = c + (a - c) p,    p = exp(-dt / T),
 
-so the area of every command is kept exactly, and the position is off by less than
-abs(c - a) dt^2 / (8 m). All else is exact, as the effort of an ideal axis is: the disturbance is
-held over the sample. Velocity goes on when the payload comes or goes.
+so the area of every command is preserved exactly, and the position error is less than abs(c - a)
+dt^2 / (8 m). All else is exact, because the disturbance is constant over the sample. The velocity
+is continuous when the payload changes.
 
-Noise is a hash of (seed, tick), as in core/damping.py: a run is a function of its parameters.
+Noise is a hash of (seed, tick), as in core/damping.py, so a run depends only on its parameters.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ FORCES = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_DELAY = 1000
 LEAST_STEP = 1e-12  # m
-# Each noise counts from a place of its own in the stream of a seed; damping counts from 0.
+# Each noise has its own offset in the stream of a seed; the damping noise starts at 0.
 POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
 HARDWARE = np.dtype(
     [
@@ -69,7 +69,7 @@ HARDWARE = np.dtype(
         ('v_s', 'f8'),
     ]
 )
-# What the hardware remembers: the measured state, the actuator's output, commands on their way.
+# Memory of the hardware: the measured state, the actuator's output, commands in transit.
 HARDWARE_STATE = np.dtype(
     [
         ('position', 'f8'),
@@ -84,7 +84,7 @@ HARDWARE_STATE = np.dtype(
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Parameters):
-    """The encoder, and where the measured velocity comes from."""
+    """The encoder and the source of the measured velocity."""
 
     resolution: float = parameter(
         0.0, 'm', 'step of the encoder, to which the position is rounded; 0 for none', lower=0.0
@@ -117,7 +117,7 @@ class Sensor(Parameters):
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator(Parameters):
-    """The way from a command to the effort on the axis."""
+    """Limit, lag and delay between a command and the effort on the axis."""
 
     limit: float = parameter(
         0.0, 'N', 'largest effort of the actuator, which clips the rest; 0 for none', lower=0.0
@@ -132,7 +132,7 @@ class Actuator(Parameters):
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Parameters):
-    """A step of the moving mass."""
+    """A step change of the moving mass."""
 
     mass: float = parameter(
         0.0,
@@ -148,7 +148,7 @@ class Payload(Parameters):
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbance(Parameters):
-    """A force that nobody commands."""
+    """An external force on the axis."""
 
     kind: str = parameter('constant', '', 'how the disturbance varies', choices=FORCES)
     force: float = parameter(
@@ -183,7 +183,7 @@ class Disturbance(Parameters):
     )
 
 
-# Values with which the axis is ideal.
+# Values that make the axis ideal.
 OFF: Mapping[str, Any] = {
     'sensor.resolution': 0.0,
     'sensor.position_noise': 0.0,
@@ -231,7 +231,7 @@ def packed_hardware(values: Mapping[str, Any], runs: int) -> np.ndarray:
     )
     rows['end'][rows['end'] == 0.0] = np.inf
     lag = np.broadcast_to(np.asarray(values['actuator.time_constant']) / time_step, runs)
-    # math's exp, value by value: numpy's differs in the last bit from machine to machine.
+    # math.exp, value by value: numpy.exp differs in the last bit between machines.
     rows['pole'] = [math.exp(-1.0 / item) if item > 0.0 else 0.0 for item in lag.tolist()]
     rows['share'] = [
         -math.expm1(-1.0 / item) * item if item > 0.0 else 0.0 for item in lag.tolist()
@@ -247,8 +247,8 @@ def normal(seed, start, tick):
     """
     Return normal noise of unit variance, from the stream of ``seed`` that starts at ``start``.
 
-    It is the sum of twelve uniform variables of 16 bits: within 6 standard deviations, and the
-    same bits on any machine, which log and cos are not.
+    The noise is the sum of twelve uniform variables of 16 bits. It stays within 6 standard
+    deviations and, unlike log and cos, has the same bits on any machine.
     """
     total = 0.0
     for i in range(3):
@@ -308,7 +308,7 @@ def disturb(hardware, memory, tick):
 
 @compiled
 def begin(hardware, state, memory, sample_rate):
-    """Forget all that the hardware remembers, and measure the state that it begins with."""
+    """Clear the memory of the hardware and measure the initial state."""
     memory.measured, memory.noise, memory.actuator = np.nan, np.nan, 0.0
     for i in range(len(memory.queue)):
         memory.queue[i] = 0.0

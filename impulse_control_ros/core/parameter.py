@@ -1,7 +1,7 @@
 """
 Declare a parameter once: type, default, unit, bounds and description on a dataclass field.
 
-Everything else derives from these fields: validation at birth, the ROS declaration
+Everything else derives from these fields: validation at construction, the ROS declaration
 (nodes/parameters.py), the check of a YAML file and the table in the documentation.
 """
 
@@ -24,7 +24,7 @@ TYPES = {
     str: 'a string',
     tuple: 'a list of strings',
 }
-# former names, which old files and command lines may have
+# former names that old files and command lines may use
 RENAMED = {
     'lead': 'guard_lookahead',
     'managed': 'lifecycle',
@@ -36,16 +36,16 @@ F = TypeVar('F', bound=Callable[..., Any])
 
 
 def once(function: F) -> F:
-    """Return the cached function; mypy does not see that classes are hashable."""
+    """Return the cached function; mypy does not know that classes are hashable."""
     return cast(F, cache(function))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """
-    What is known of one parameter besides its type and default.
+    Properties of a parameter besides its type and default.
 
-    ``lower`` and ``upper`` are in ``unit``; an ``open_`` bound is itself not allowed.
+    ``lower`` and ``upper`` are in ``unit``; an ``open_`` bound excludes its value.
     """
 
     unit: str
@@ -59,7 +59,7 @@ class Spec:
     reference: str = ''
 
     def allowed(self, kind: type = float) -> str:
-        """Say what is allowed for a parameter of type ``kind``, e.g. ``> 0`` or ``in [0, 1]``."""
+        """Describe the allowed values for the type ``kind``, e.g. ``> 0`` or ``in [0, 1]``."""
         if self.choices:
             text = 'one of ' + ', '.join(str(choice) for choice in self.choices)
         elif self.lower is not None and self.upper is not None:
@@ -91,7 +91,7 @@ class Spec:
 
 
 def parameter(default: Any, unit: str, description: str, **spec: Any) -> Any:
-    """Make the dataclass field of a parameter; ``spec`` as in `Spec`."""
+    """Return the dataclass field of a parameter; ``spec`` sets the fields of `Spec`."""
     metadata = {'spec': Spec(unit=unit, description=description, **spec)}
     if isinstance(default, Parameters):
         return field(default_factory=lambda: default, metadata=metadata)
@@ -101,11 +101,11 @@ def parameter(default: Any, unit: str, description: str, **spec: Any) -> Any:
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
     """
-    A frozen set of parameters that refuses nonsense at birth.
+    A frozen set of parameters, validated at construction.
 
-    Subclasses declare their fields with `parameter`, the rules between them as `RULES`, and
-    override `check` for what is neither. The full name of a parameter of a nested set starts with
-    the ``prefix`` of its class. An integer given for a float becomes a float.
+    Subclasses declare their fields with `parameter`, declare the rules between them as `RULES`,
+    and override `check` for other conditions. The full name of a parameter of a nested set starts
+    with the ``prefix`` of its class. An integer given for a float becomes a float.
     """
 
     prefix: ClassVar[str] = ''
@@ -131,7 +131,7 @@ class Parameters:
         self.check()
 
     def check(self) -> None:
-        """Raise `ParameterError` when the values do not fit together."""
+        """Raise `ParameterError` if the values contradict each other."""
 
     def flat(self) -> dict[str, Any]:
         """Return every value by its full name, e.g. ``{'m': 0.1, 'damping.kind': 'noise'}``."""
@@ -140,12 +140,12 @@ class Parameters:
 
 class Rule(NamedTuple):
     """
-    A rule between parameters of a class, by their names there.
+    A rule between parameters of a class.
 
-    ``name`` is the one that is refused, and ``allowed`` says what it must be, a format of the
-    values. ``hardest`` names the parameters that ``holds`` takes, in order, with the extreme
-    (min or max) of each at which the rule is hardest to meet. ``holds`` takes scalars, or arrays
-    of shape (n,) of which it judges each.
+    ``name`` is the parameter that an error names, and ``allowed`` a format string for what it must
+    be. ``hardest`` lists the parameters that ``holds`` takes, in order, each with the extreme (min
+    or max) at which the rule is hardest to meet. ``holds`` takes scalars, or arrays of shape (n,)
+    elementwise.
     """
 
     name: str
@@ -167,9 +167,9 @@ def require_rules(
     kind: type['Parameters'], values: Mapping[str, Any], nested: bool = True
 ) -> None:
     """
-    Raise `ParameterError` for the first rule of a class that ``values`` by full name break.
+    Raise `ParameterError` for the first rule of a class that ``values``, by full name, break.
 
-    Arrays of shape (n,) among them are judged row by row, and the error names the first row.
+    Arrays of shape (n,) are checked row by row; the error names the first row that fails.
     """
     for prefix, rule in rules(kind, nested):
         bound = {name: values[prefix + name] for name in rule.hardest}
@@ -191,7 +191,7 @@ KIND = TypeVar('KIND', bound=Parameters)
 
 @once
 def declared(kind: type[Parameters], nested: bool = True) -> tuple[tuple[str, Any, Spec], ...]:
-    """Return (name, default, spec) of a class' parameters; ``nested`` ones as 'damping.kind'."""
+    """Return (name, default, spec) of each parameter; ``nested`` ones are named 'damping.kind'."""
     found: list[tuple[str, Any, Spec]] = []
     for item in fields(kind):
         if item.default is not MISSING:
@@ -217,10 +217,10 @@ def nested_kind(item: Field[Any]) -> type['Parameters']:
 
 def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
     """
-    Make the parameter set ``kind`` from values by full name; what is not named has its default.
+    Return the parameter set ``kind`` from values by full name; other parameters are defaults.
 
-    Raises `ParameterError` for an unknown name, a wrong type, a value out of its bounds, and
-    values that do not fit together.
+    Raises `ParameterError` for an unknown name, a wrong type, a value out of bounds, and values
+    that break a rule.
     """
     known = {name: (default, spec) for name, default, spec in declared(kind)}
     for name, value in values.items():
@@ -243,14 +243,14 @@ def build(kind: type[KIND], values: Mapping[str, Any]) -> KIND:
 
 
 def unknown(name: str, value: Any, known: Iterable[str]) -> ParameterError:
-    """Make the error for a ``name`` that is none of the ``known``."""
+    """Return the error for a ``name`` that is not among the ``known``."""
     return ParameterError(
         f'invalid {name} = {value!r}: there is no such parameter' + meant(name, known)
     )
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Return a hint at the parameter that an unknown ``name`` may stand for, or nothing."""
+    """Return a hint at the parameter that an unknown ``name`` may mean, or ''."""
     if name in RENAMED:
         return f'; its name is now {RENAMED[name]}'
     near = get_close_matches(name, known, 1)
@@ -258,7 +258,7 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def refusal(name: str, value: Any, allowed: str) -> ParameterError:
-    """Make the one error of this module: the thing, its value, what is allowed."""
+    """Return an error that states a name, its value and what is allowed."""
     return ParameterError(f'invalid {name} = {value!r}: must be {allowed}')
 
 

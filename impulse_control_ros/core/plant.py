@@ -14,17 +14,17 @@ x, x'       position, v...  m, m/s   state
 dt          time_step       s        length of the sample
 ==========  ==============  =======  ==========================================
 
-With ``u`` and ``d`` held, the motion in one direction has a closed form: with z = d t / m and
-a = (u - F_c s - d v) / m the acceleration at the start of the motion in direction s,
+With ``u`` and ``d`` constant, the motion in one direction s has a closed form. With z = d t / m
+and the initial acceleration a = (u - F_c s - d v) / m,
 
     v(t) = v + a t phi1(z),    x(t) = x + v t + a t^2 phi2(z),
     phi1(z) = (1 - exp(-z)) / z,    phi2(z) = (z - 1 + exp(-z)) / z^2.
 
-It vanishes at t = -log1p(d v / (m a)) m / d: the stop is an instant, found, not stepped over.
-There the axis stays when abs(u) <= F_c (it sticks), and else moves on in the direction of u.
+The velocity vanishes at t = -log1p(d v / (m a)) m / d, so the time of a stop is computed exactly.
+There the axis sticks if abs(u) <= F_c, and otherwise moves on in the direction of u.
 
-While d dt / m is small, as at any sensible time step, series replace exp and log1p: exact to
-the last bits, faster, and of one form for every run, so that a batch steps many at once.
+While d dt / m is small, as at any sensible time step, series replace exp and log1p. They are
+accurate to the last bits, faster, and the same for every run, so a batch steps many runs at once.
 """
 
 from collections.abc import Mapping
@@ -51,12 +51,12 @@ from impulse_control_ros.errors import DivergedError
 
 DIVERGED = DivergedError.bound
 PLANT = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8'), ('damping', DAMPING)])
-SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
+SHORT = 1e-2  # value of d dt / m below which the series are accurate to the last bits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plant(Parameters):
-    """The axis and its start (Table I, section IV)."""
+    """The axis and its initial state (Table I, section IV)."""
 
     m: float = parameter(0.1, 'kg', 'moving mass', lower=0.0, open_lower=True)
     F_c: float = parameter(1.0, 'N', 'Coulomb friction force', lower=0.0)
@@ -92,21 +92,21 @@ class Plant(Parameters):
     )
 
     def check(self) -> None:
-        """Stamps are integers: the sampling period is a whole number of nanoseconds."""
+        """Require a sampling period of whole nanoseconds, since stamps are integers."""
         nanoseconds(self.time_step, 'time_step')
 
     @property
     def is_ideal(self) -> bool:
-        """Tell whether state and effort are those of the model, see core/nonidealities.py."""
+        """Whether the plant has none of the nonidealities of core/nonidealities.py."""
         values = self.flat()
         return all(values[name] == off for name, off in OFF.items())
 
     def packed(self) -> np.ndarray:
-        """Return the kernels' view: shape (1,), dtype PLANT."""
+        """Return the values as the kernels read them: shape (1,), dtype PLANT."""
         return packed_plant(self.flat(), 1)
 
     def packed_hardware(self) -> np.ndarray:
-        """Return the kernels' view of what is not ideal: shape (1,), dtype HARDWARE."""
+        """Return the nonidealities as the kernels read them: shape (1,), dtype HARDWARE."""
         return packed_hardware(self.flat(), 1)
 
 
@@ -122,7 +122,7 @@ def packed_plant(values: Mapping[str, Any], runs: int) -> np.ndarray:
 
 @compiled
 def short_shapes(z):
-    """Return phi1 and phi2 by their series, to the last bits for z < SHORT."""
+    """Return phi1 and phi2 by series, accurate to the last bits for z < SHORT."""
     phi2 = 1 / 2 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z * (1 / 5040)))))
     return 1.0 - z * phi2, phi2
 
@@ -138,7 +138,7 @@ def shapes(z):
 
 @compiled
 def moved(position, velocity, acceleration, rate, duration):
-    """Flow in one direction for ``duration``; ``rate`` is d / m in 1/s."""
+    """Return the state after ``duration`` in one direction; ``rate`` is d / m in 1/s."""
     phi1, phi2 = shapes(rate * duration)
     return (
         position + velocity * duration + acceleration * duration * duration * phi2,
@@ -151,8 +151,8 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
     """
     Step the axis exactly over ``duration`` seconds of constant effort and damping.
 
-    Scalars in SI units; returns (position, velocity) at the end. A velocity of exactly zero
-    means that the axis stands.
+    All arguments are scalars in SI units. Returns (position, velocity) at the end; a velocity of
+    exactly zero means that the axis is at rest.
     """
     x, v, whole = short_step(position, velocity, effort, damping, 1.0 / m, friction, duration)
     if whole:
@@ -163,12 +163,12 @@ def axis_step(position, velocity, effort, damping, m, friction, duration):
 @compiled
 def short_step(position, velocity, effort, damping, inverse_m, friction, duration):
     """
-    Do `axis_step` for one motion at most, which may end in a stick.
+    Do `axis_step` for at most one motion, which may end with the axis sticking.
 
-    Conditions choose values and do nothing else: a batch computes both sides, for many runs.
+    Conditions only select values, so a batch computes both branches, for many runs.
 
-    Returns (position, velocity, whole); not ``whole`` when the axis turns within the step or
-    the series do not reach that far, and the step is one for `long_step`.
+    Returns (position, velocity, whole). ``whole`` is false if the axis turns within the step or
+    the series are not accurate that far; `long_step` then computes the step.
     """
     rate = damping * inverse_m
     moves, slides = velocity != 0.0, abs(effort) > friction
@@ -181,7 +181,7 @@ def short_step(position, velocity, effort, damping, inverse_m, friction, duratio
     stops = moves & (v * direction <= 0.0)
     whole = (rate * duration < SHORT) & (not (stops & slides))
     if stops:
-        # With phi1 and phi2 at the stop, log1p in x is one series in q = -d v / (m a).
+        # At the stop, phi1, phi2 and log1p combine to one series in q = -d v / (m a).
         tau = -velocity / acceleration
         q = rate * tau
         share = 1 / 2 + q * (
@@ -203,8 +203,8 @@ def long_step(position, velocity, effort, damping, m, friction, duration):
         x, v = moved(position, velocity, acceleration, rate, duration)
         if v * direction > 0.0:
             return x, v
-        # Here the motion stops within the sample; only a decelerated one can.
-        # The ratio rounds to -1 or below when the motion decays towards zero without a stop.
+        # Here the motion decelerates and stops within the sample. The ratio rounds to -1 or below
+        # when the motion decays towards zero without a stop.
         ratio = rate * velocity / acceleration
         stop = duration if ratio <= -1.0 else -math.log1p(ratio) / rate
         stop = min(max(stop, 0.0), duration)

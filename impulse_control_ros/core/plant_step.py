@@ -1,7 +1,7 @@
 """
-The plant as its controller sees it: the axis behind its actuator and its sensor.
+The plant as its controller sees it: the axis with its actuator and its sensor.
 
-An ideal one has no hardware: the step is then compiled without it.
+An ideal plant has no hardware; its step is compiled without it.
 """
 
 from typing import NamedTuple
@@ -60,7 +60,7 @@ def plant_step(axis, profile, hardware, state, memory, command):
     Return the `PlantState` one sample later, under ``command`` [N].
 
     ``profile`` is a record of dtype DAMPING. ``hardware`` and ``memory`` are records of dtypes
-    HARDWARE and HARDWARE_STATE, None for an ideal plant; the latter takes the measured state.
+    HARDWARE and HARDWARE_STATE, None for an ideal plant. ``memory`` receives the measured state.
     """
     damping, noise = damping_at(profile, state.noise, state.tick)
     if hardware is None:
@@ -94,7 +94,7 @@ def plant_step(axis, profile, hardware, state, memory, command):
 
 @compiled
 def step_in_place(plant, hardware, state, memory, command):
-    """Do `plant_step` on arrays of shape (1,), of the dtypes of these names."""
+    """Do `plant_step` on arrays, shape (1,): dtypes PLANT, HARDWARE, STATE, HARDWARE_STATE."""
     now = state[0]
     before = PlantState(now.tick, now.position, now.velocity, now.effort, now.damping, now.noise)
     after = plant_step(
@@ -104,7 +104,7 @@ def step_in_place(plant, hardware, state, memory, command):
 
 
 def start_of(plant: Plant, before: PlantState = FIRST) -> PlantState:
-    """Return the start of a plant; tick and noise are those of ``before``: time goes on."""
+    """Return the start of a plant; tick and noise continue from ``before``."""
     return before._replace(position=plant.x_0, velocity=plant.v_0, effort=0.0)
 
 

@@ -18,16 +18,16 @@ start and incremented at each reset. An id is a node's full name, ``#`` and 4 ra
 at each start. Any other frame_id belongs to a foreign peer, such as a robot driver.
 
 1. The plant selects the active controller. While its states name none, every controller may
-   answer. The author of the first command with the right stamp becomes active and is named from
-   the next state on. Commands of others are ignored. An unanswered state is republished soon.
-   When the active controller has been silent for ``command_timeout``, the plant republishes the
-   state without a name.
+   answer. The author of the first command with the right stamp becomes active; the next state
+   names it. Commands of others are ignored. An unanswered state is soon republished. When the
+   active controller has been silent for ``command_timeout``, the plant republishes the state
+   without a name.
 2. A controller answers states that name it or no controller, and stands by otherwise. It answers
    a republished state with the same bytes. A new run or episode clears its memory.
 3. A controller keeps its run while it receives states of it. It ignores states of another run,
    and adopts that run after `RUN_TIMEOUT` without a state of its own.
-4. A foreign plant is always answered, with the guard alone as frame_id. The plant takes the
-   commands of a foreign controller by rule 1, and its states then name `FOREIGN`.
+4. A controller always answers a foreign plant, with only the guard as frame_id. The plant takes
+   the commands of a foreign controller by rule 1, and its states then name `FOREIGN`.
 5. A recorder joins when it publishes its progress, and is dropped after ``recorder_timeout``
    without any. The plant stays at most `WINDOW` samples ahead of the slowest. When a recorder
    joins or a controller becomes active, the plant republishes its state until every recorder
@@ -182,9 +182,9 @@ def step_limit(reached: Iterable[int], since: int) -> int:
     """
     Return the first tick that the recorders do not let the plant leave.
 
-    ``reached`` has the last complete tick of each recorder. All must have ``since``, the tick at
-    which the last recorder joined or the last controller became active: new endpoints may not be
-    matched yet.
+    ``reached`` has the last complete tick of each recorder. All must have reached ``since``, the
+    tick at which the last recorder joined or the last controller became active: new endpoints may
+    not be matched yet.
     """
     slowest = min(reached, default=ENDLESS)
     return slowest + WINDOW if slowest >= since else 0

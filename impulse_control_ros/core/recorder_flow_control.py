@@ -15,7 +15,7 @@ LEAVES = 2**31 - 1  # s; progress that announces the end of a recorder
 
 class RecorderFlowControl:
     """
-    The recorders that joined a plant, whose time is that of ``clock``.
+    Tracks the recorders that have joined a plant with the sample clock ``clock``.
 
     The plant may leave the ticks below ``limit``. Without ``lockstep``, recorders never hold the
     plant.
@@ -32,7 +32,7 @@ class RecorderFlowControl:
         return len(self._reached)
 
     def take(self, recorder: str, stamp_ns: int, now: float) -> str:
-        """Take the progress of a recorder, received ``now`` [s]; returns its news for the log."""
+        """Take the progress of a recorder, received ``now`` [s]; return a text for the log."""
         if stamp_ns >= LEAVES * SECOND:
             return 'has ended' if self._drop(recorder) else ''
         news = '' if recorder in self._reached else 'has joined'
@@ -47,7 +47,7 @@ class RecorderFlowControl:
         return news
 
     def drop_silent(self, now: float, timeout: float) -> list[str]:
-        """Drop the recorders that have been silent for ``timeout`` [s]; returns their ids."""
+        """Drop the recorders that have been silent for ``timeout`` [s]; return their ids."""
         return [
             recorder
             for recorder, silence in list(self._silences.items())
@@ -61,7 +61,7 @@ class RecorderFlowControl:
         return known
 
     def hold(self) -> None:
-        """Hold the plant until every recorder has the present sample; an endpoint may be new."""
+        """Hold the plant until every recorder has the present sample: an endpoint may be new."""
         self._since = max(0, self._clock.tick)
         self._update()
 

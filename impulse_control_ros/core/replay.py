@@ -1,8 +1,8 @@
 """
-A recorded run computed once more, by the kernels that the nodes run: to the same bits.
+Replay of a recorded run with the kernels of the nodes, to the same bits.
 
-Open loop the law answers the recorded states. Closed loop the axis is stepped on as well, from
-its start. Both go piece by piece: within one the parameters are constant.
+In open loop, the law answers the recorded states. In closed loop, the axis is also stepped from
+its start. Both proceed in pieces of constant parameters.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,12 +24,11 @@ from impulse_control_ros.core.plant import Plant
 
 class Piece(NamedTuple):
     """
-    What holds from sample ``first`` on.
+    Parameters from sample ``first`` on.
 
-    The controller with ``gains`` answers this sample, and the ``plant``, None for an unknown
-    one, steps on from it. ``afresh`` tells that the controller's memory is empty before it;
-    ``start`` is the plant whose start the state of this sample is, None where it follows from the
-    sample before.
+    The controller with ``gains`` answers this sample, and ``plant`` (None if unknown) steps on
+    from it. ``afresh`` is true if the controller's memory is empty before this sample. ``start``
+    is the plant that starts at this sample, None if its state follows from the previous one.
     """
 
     first: int
@@ -40,7 +39,7 @@ class Piece(NamedTuple):
 
 
 def spans(pieces: Sequence[Piece], count: int) -> Iterator[tuple[Piece, slice]]:
-    """Yield each piece with its samples out of ``count``."""
+    """Yield each piece with the slice of its samples; there are ``count`` samples in total."""
     ends = [piece.first for piece in pieces[1:]] + [count]
     return ((piece, slice(piece.first, end)) for piece, end in zip(pieces, ends, strict=True))
 
@@ -49,7 +48,7 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
     """
     Return the law's answers to n samples [m, m/s] of shape (n,): dtype COMMAND.
 
-    A velocity that was not measured is nan. The first piece starts at sample 0.
+    ``velocity`` is nan where it was not measured. The first piece starts at sample 0.
     """
     commands, state = np.zeros(len(position), COMMAND), FRESH
     for piece, span in spans(pieces, len(position)):
@@ -66,9 +65,9 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
 
 def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return ``count`` states, as measured, and their answers: dtypes STATE and COMMAND.
+    Return ``count`` measured states and their answers: dtypes STATE and COMMAND.
 
-    The first piece starts at sample 0, with a start; each has a plant.
+    The first piece begins at sample 0 and needs a ``start``; each piece needs a ``plant``.
     """
     first = pieces[0]
     assert first.start

@@ -1,4 +1,4 @@
-"""The control law as the controller node holds it: its memory, its gains, and the kernel."""
+"""The control law of the controller node: its memory, its gains, and the kernel."""
 
 import sys
 from typing import Any
@@ -27,12 +27,12 @@ class SampledController:
         self.forget()
 
     def change(self, gains: ControlGains) -> None:
-        """Answer the next sample with other gains."""
+        """Use other gains from the next sample on."""
         self._law = gains.packed().view(float)
         self.largest = gains.effort_limit or sys.float_info.max
 
     def forget(self) -> None:
-        """Begin afresh: the next sample is the first one."""
+        """Clear the memory; the next sample counts as the first one."""
         self._state = np.array(FRESH)
 
     def answer(self, position: float, velocity: float) -> Any:

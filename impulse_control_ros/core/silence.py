@@ -5,9 +5,9 @@ LONGEST_LOOK = 0.1  # s
 
 class Silence:
     """
-    The time without a word of a peer: ``seconds``, as of the last `look`.
+    Measures how long a peer has been silent: ``seconds``, as of the last `look`.
 
-    A look counts at most LONGEST_LOOK: a process that was stopped meanwhile could hear nobody.
+    A look adds at most LONGEST_LOOK, because a stopped process cannot hear its peers.
     """
 
     def __init__(self, now: float) -> None:
@@ -15,11 +15,11 @@ class Silence:
         self._looked_at = now
 
     def look(self, now: float) -> float:
-        """Count the time up to ``now`` [s], of a monotonic clock; returns ``seconds``."""
+        """Add the time up to ``now`` [s] of a monotonic clock; return ``seconds``."""
         self.seconds += min(now - self._looked_at, LONGEST_LOOK)
         self._looked_at = now
         return self.seconds
 
     def hear(self) -> None:
-        """Begin anew: the peer has said something."""
+        """Restart at 0 because the peer was heard."""
         self.seconds = 0.0

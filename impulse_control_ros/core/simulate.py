@@ -1,4 +1,4 @@
-"""A run of the closed loop offline: the same kernels, and so the same bits, as the nodes."""
+"""Offline simulation of the closed loop with the kernels of the nodes, to the same bits."""
 
 from dataclasses import dataclass
 
@@ -23,12 +23,12 @@ class Run(Trajectory):
     """
     A run of n steps.
 
-    ``time`` [s], ``position`` [m], ``velocity`` [m/s] and ``effort`` [N], the command that
-    answers each state, have shape (n + 1,); ``damping`` [N s/m] and ``applied`` [N], the mean
-    effort of the actuator, which act over the sample that starts at each state, have shape (n,);
-    ``events`` has dtype EVENT, one row an impulse. ``measured_position`` [m] and
-    ``measured_velocity`` [m/s], nan where there is none, are what the controller saw: of an
-    ideal axis the state itself. ``x_r`` [m] is the set-point.
+    ``time`` [s], ``position`` [m], ``velocity`` [m/s] and ``effort`` [N] (the command that answers
+    each state) have shape (n + 1,). ``damping`` [N s/m] and ``applied`` [N] (the mean effort of
+    the actuator) act over the sample that starts at each state and have shape (n,). ``events`` has
+    dtype EVENT and one row per impulse. The controller saw ``measured_position`` [m] and
+    ``measured_velocity`` [m/s] (nan if not measured); for an ideal axis they are the state itself.
+    ``x_r`` [m] is the set-point.
     """
 
     time: np.ndarray
@@ -56,7 +56,7 @@ def steps_of(plant: Plant, gains: ControlGains, duration: float) -> int:
     """
     Return the number of steps in ``duration`` [s].
 
-    Raises `ParameterError` when the two disagree about the time step or there is no step.
+    Raises `ParameterError` if the time steps of the two differ or there is no step.
     """
     if plant.time_step != gains.time_step:
         raise refusal('time_step', gains.time_step, f'that of the axis, {plant.time_step:g} [s]')
@@ -71,8 +71,8 @@ def simulate(plant: Plant, gains: ControlGains, duration: float) -> Run:
     """
     Run the closed loop for ``duration`` seconds from the start of ``plant``.
 
-    Raises `ParameterError` when the two disagree about the time step or the duration is not
-    positive, and `DivergedError` when the motion leaves all bounds.
+    Raises `ParameterError` if ``plant`` and ``gains`` have different time steps or the duration is
+    not positive, and `DivergedError` if the motion diverges.
     """
     steps = steps_of(plant, gains, duration)
     ideal = plant.is_ideal and not gains.has_options
@@ -99,7 +99,7 @@ def simulate(plant: Plant, gains: ControlGains, duration: float) -> Run:
 
 def events_of(trace: Trace) -> np.ndarray:
     """Return the impulses of a trace, dtype EVENT."""
-    fired = np.flatnonzero(trace.guard != NO_IMPULSE)  # of bools it is ten times faster
+    fired = np.flatnonzero(trace.guard != NO_IMPULSE)  # ten times faster on bools
     events = np.empty(len(fired), EVENT)
     events['tick'], events['guard'], events['area'] = fired, trace.guard[fired], trace.area[fired]
     events['position'] = trace.measured_position[fired]

@@ -1,4 +1,4 @@
-"""A plant one sample at a time, as a node holds it: its state, its hardware, and the kernel."""
+"""The plant of the simulator node, sample by sample: its state, its hardware, and the kernel."""
 
 from typing import Any
 
@@ -18,9 +18,9 @@ from impulse_control_ros.core.plant_step import (
 
 class SimulatedPlant:
     """
-    A plant under changing parameters; what it does is a function of those and of the commands.
+    A plant under changing parameters; its motion depends only on these and on the commands.
 
-    One kernel serves every plant: of an ideal one it makes the bits of core/plant.py.
+    One kernel serves every plant; for an ideal one it computes the bits of core/plant.py.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -29,19 +29,19 @@ class SimulatedPlant:
         self._step = machine_code(
             step_in_place, self._plant, self._hardware, self._state, self._memory, 0.0
         )
-        self.start()  # the compiled step has been tried
+        self.start()  # undoes the step that machine_code ran
 
     def change(self, plant: Plant) -> None:
-        """Let the next sample be made with other parameters."""
+        """Use other parameters from the next sample on."""
         self._parameters = plant
         self._plant, self._hardware = plant.packed(), plant.packed_hardware()
 
     def start(self) -> None:
-        """Put the plant to its start, at tick 0."""
+        """Reset the plant to its start, at tick 0."""
         self._begin(FIRST)
 
     def reset(self) -> None:
-        """Make one sample in which the plant comes back to its start; noise and time go on."""
+        """Return the plant to its start within one sample; noise and time continue."""
         before = PlantState(*self.state())
         self._begin(before._replace(tick=before.tick + 1))
 
@@ -51,7 +51,7 @@ class SimulatedPlant:
         self._measured = self._memory.view('f8')[:2]  # a view is read faster than two fields
 
     def step(self, command: float) -> None:
-        """Make one sample under ``command`` [N]."""
+        """Step the plant by one sample under ``command`` [N]."""
         self._step(self._plant, self._hardware, self._state, self._memory, command)
 
     def state(self) -> Any:
@@ -59,6 +59,6 @@ class SimulatedPlant:
         return self._state.item()
 
     def measured(self) -> tuple[float, float]:
-        """Return position [m] and velocity [m/s] as the sensor has them; nan for no velocity."""
+        """Return the measured position [m] and velocity [m/s], nan if it is not measured."""
         position, velocity = self._measured.tolist()
         return position, velocity

@@ -14,9 +14,9 @@ class StateArbiter:
     """
     Selects the states that the controller ``own_id`` answers; they are ``step_ns`` apart.
 
-    ``run`` is the run it answers, '' for a foreign plant and None before the first. ``stamp``
-    [ns] is that of the last answered state, 0 if none was since another controller was active.
-    ``silence`` tells how long no state of the run has arrived; ``now`` [s] is monotonic.
+    ``run`` is the answered run, '' for a foreign plant and None before the first. ``stamp`` [ns]
+    is the stamp of the last answered state, 0 if none was answered since another controller was
+    active. ``silence`` measures the time without a state of the run; ``now`` [s] is monotonic.
     """
 
     def __init__(self, own_id: str, step_ns: int, now: float) -> None:
@@ -26,11 +26,11 @@ class StateArbiter:
         self._episode = 0
         self.silence = Silence(now)
         self._afresh = False
-        self._named: StateHeader | None = None  # last header, if it names us in lockstep
+        self._named: StateHeader | None = None  # last header, if it names this controller
         self._due = 0
 
     def follows(self, header: StateHeader, stamp: int) -> bool:
-        """Accept the usual case fast: the next state in lockstep, which names us."""
+        """Accept the usual case quickly: the next state in lockstep that names this controller."""
         if header is not self._named or stamp != self._due:
             return False
         self.stamp, self._due = stamp, stamp + self._step_ns

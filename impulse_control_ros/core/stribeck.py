@@ -10,12 +10,12 @@ F_s     F_s      N     friction at rest, what it takes to break loose
 v_s     v_s      m/s   Stribeck velocity, from which on it is F_c
 ======  =======  ====  =============================================
 
-The curve falls in a straight line, not in an exponential: so below v_s it is a Coulomb friction
-F_s with the damping d - (F_s - F_c) / v_s, which may be negative, and above it the axis of
-core/plant.py. Each piece has a closed form, its end too: at z = r t, with r the damping by mass
+The friction falls linearly with speed, not exponentially. Below v_s it is therefore Coulomb
+friction F_s with the damping d - (F_s - F_c) / v_s, which may be negative; above v_s the axis is
+that of core/plant.py. Each piece and its end have closed forms: with z = r t, r damping over mass,
 and a the acceleration at the start of the piece, v reaches w at t = -log1p(-(w - v) r / a) / r.
-In one sample the velocity is monotone (its equation is of first order and knows no time), so it
-runs through at most four pieces: down to v_s, down to the stop, up to v_s, beyond.
+Within a sample the velocity is monotone (its equation is autonomous and of first order), so there
+are at most four pieces: down to v_s, down to the stop, up to v_s, beyond.
 """
 
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 
 PIECES = 4
-SHORT = 1e-2  # bound of abs(z), below which a series is more exact than exp
+SHORT = 1e-2  # value of abs(z) below which a series is more accurate than exp
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stribeck(Parameters):
-    """Friction at rest and at low speed, beside F_c."""
+    """Friction at rest and at low speed, in addition to F_c."""
 
     F_s: float = parameter(
         0.0, 'N', 'friction at rest, F_c or more; 0 for F_c at any speed', lower=0.0
@@ -52,7 +52,7 @@ def shapes(z):
 
 @compiled
 def time_to(change, acceleration, rate):
-    """Return when the velocity has changed by ``change``; inf when it never has."""
+    """Return the time until the velocity has changed by ``change``, inf if it never does."""
     if sign(change) != sign(acceleration) or change == 0.0:
         return math.inf if change != 0.0 else 0.0
     share = change * rate / acceleration
@@ -66,8 +66,8 @@ def stribeck_step(position, velocity, force, damping, m, friction, rest_friction
     """
     Step the axis exactly over ``duration`` seconds of constant force and damping.
 
-    Scalars in SI units: F_c, F_s and v_s are ``friction``, ``rest_friction`` and ``fast``.
-    Returns (position, velocity).
+    All arguments are scalars in SI units: ``friction`` is F_c, ``rest_friction`` F_s and ``fast``
+    v_s. Returns (position, velocity).
     """
     slope = (rest_friction - friction) / fast
     for _ in range(PIECES):
@@ -75,7 +75,7 @@ def stribeck_step(position, velocity, force, damping, m, friction, rest_friction
             break
         direction = sign(velocity) if velocity != 0.0 else sign(force)
         speed, push = abs(velocity), force * direction
-        # On the border the piece is the one that the motion leads into; the friction is F_c.
+        # At v_s, the motion determines which piece follows; the friction there is F_c.
         slow = speed < fast or (speed == fast and push - friction - damping * speed < 0.0)
         level, rate = (rest_friction, damping - slope) if slow else (friction, damping)
         rate /= m

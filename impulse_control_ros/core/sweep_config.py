@@ -1,5 +1,5 @@
 """
-A study: many runs of one experiment, each with parameters of its own.
+A study: many runs of one experiment, each with its own parameters.
 
 ==========  ==========  ====  ===============================================================
 symbol      name        unit  meaning
@@ -10,8 +10,8 @@ i           row         1     i = p runs + r
 c           chunk       1     rows that are computed, and saved, at once
 ==========  ==========  ====  ===============================================================
 
-All points see the same draws, so two points differ by their axes alone. The parameters of row i
-and its figures depend on (study, i) only: not on chunks, threads or machines.
+All points use the same draws, so two points differ only in their axes. The parameters and figures
+of row i depend only on (study, i), not on chunks, threads or machines.
 """
 
 from collections.abc import Mapping
@@ -40,9 +40,9 @@ from impulse_control_ros.core.simulate import steps_of
 from impulse_control_ros.core.varied import columns, found, packed_rows
 from impulse_control_ros.errors import ParameterError
 
-CHUNK_STEPS = 25_000_000  # run-steps of a chunk: a tenth of a second of one core
-MOST_ROWS = 16_384  # of a chunk, for its memory
-CHUNKS = 32  # at least, where there are as many blocks: for machines of many cores
+CHUNK_STEPS = 25_000_000  # steps of all runs of a chunk: a tenth of a second on one core
+MOST_ROWS = 16_384  # of a chunk, to limit its memory
+CHUNKS = 32  # at least, if there are as many blocks, to occupy many cores
 MOST_RUNS = MOST_STEPS = 10**9
 
 
@@ -58,10 +58,10 @@ class Extent(Parameters):
 @dataclass(frozen=True, kw_only=True)
 class SweepConfig:
     """
-    A study of ``axis`` and ``controller``, refused at birth where one of its runs would be.
+    A study of ``axis`` and ``controller``, validated at construction for all of its runs.
 
-    ``vary`` has the distribution of each varied parameter by its full name, as in
-    `simulate_batch`; settling times are to ``tolerances`` [m].
+    ``vary`` maps the full name of each varied parameter, as in `simulate_batch`, to its
+    distribution; settling times are to ``tolerances`` [m].
     """
 
     axis: Plant
@@ -90,7 +90,7 @@ class SweepConfig:
             )
 
     def _require_laws(self) -> None:
-        """Refuse unknown and repeated parameters, and distributions of another type."""
+        """Refuse unknown and repeated parameters, and distributions of the wrong type."""
         known = [full_name(name) for name in self.vary]
         for (name, distribution), full in zip(self.vary.items(), known, strict=True):
             suited = SUITED[type(found(name)[2])]
@@ -100,7 +100,7 @@ class SweepConfig:
                 raise ParameterError(f'{name}: {full} is varied twice')
 
     def _values(self, name: str) -> list[Any]:
-        """Return values of a parameter between which all others lie, with its type."""
+        """Return the extreme values of a parameter, with its type."""
         values = self.vary[name].extremes(self.extent.seed, full_name(name), self.extent.runs)
         return [typed(name, value) for value in values]
 
@@ -115,7 +115,7 @@ class SweepConfig:
 
     @cached_property
     def rows(self) -> int:
-        """Return the number of runs at all points together."""
+        """Return the total number of runs at all points."""
         return self.extent.runs * math.prod(
             len(self.vary[name].points()) for name in self.vary if self.vary[name].is_axis
         )
@@ -127,7 +127,7 @@ class SweepConfig:
 
     @cached_property
     def chunk(self) -> int:
-        """Return the rows of a chunk: whole blocks of lanes."""
+        """Return the number of rows of a chunk, a multiple of LANES."""
         wanted = min(CHUNK_STEPS // self.steps, MOST_ROWS, self.rows // CHUNKS)
         return max(wanted // LANES, 1) * LANES
 
@@ -147,7 +147,7 @@ def full_name(name: str) -> str:
 
 
 def typed(name: str, value: Any) -> Any:
-    """Return a value of a varied parameter with its type; refuse what it may not be."""
+    """Return a value of a varied parameter with its type; refuse an invalid value."""
     _, _, default, spec = found(name)
     if type(default) is int and type(value) is float and value.is_integer():
         value = int(value)  # a grid of whole numbers
@@ -155,7 +155,7 @@ def typed(name: str, value: Any) -> Any:
 
 
 def _require_bounds(values: Mapping[str, list[Any]], plant: Plant) -> None:
-    """Refuse values of the plant that break a rule between them in some row."""
+    """Refuse values of the plant that break a rule in some row."""
     hardest = {
         prefix + name: extreme
         for prefix, rule in rules(type(plant))
@@ -186,7 +186,7 @@ def varied(study: SweepConfig, rows: range) -> dict[str, np.ndarray]:
 
 
 def drawn(study: SweepConfig, name: str, repeat: np.ndarray) -> np.ndarray:
-    """Return the draws of a parameter by their number ``repeat``, and few others are made."""
+    """Return the draws of a parameter with the numbers ``repeat``, computing few others."""
     distribution, kind = study.vary[name], type(found(name)[2])
     all_points = study.extent.runs <= len(repeat)
     stretches = [(0, study.extent.runs)] if all_points else pieces(repeat)
@@ -201,7 +201,7 @@ def drawn(study: SweepConfig, name: str, repeat: np.ndarray) -> np.ndarray:
 
 
 def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
-    """Return (first, count) of each stretch in which repeats follow one another."""
+    """Return (first, count) of each stretch of consecutive repeats."""
     starts = np.flatnonzero(np.diff(repeat, prepend=-2) != 1)
     return [
         (int(repeat[start]), int(end - start))
@@ -210,7 +210,7 @@ def pieces(repeat: np.ndarray) -> list[tuple[int, int]]:
 
 
 def run_chunk(study: SweepConfig, number: int) -> dict[str, np.ndarray]:
-    """Run a chunk of a study: its varied parameters and metrics by the names of `units`."""
+    """Run a chunk of a study; return its varied parameters and metrics by the names of `units`."""
     rows = study.rows_of(number)
     parameters = varied(study, rows)
     figures = figures_of(
@@ -226,7 +226,7 @@ def run_chunk(study: SweepConfig, number: int) -> dict[str, np.ndarray]:
 
 
 def column_of(name: str) -> str:
-    """Return the column of a varied parameter: ``impulses`` alone is a metric."""
+    """Return the column of a varied parameter: its full name if a metric has the same name."""
     return full_name(name) if name in METRICS else name
 
 
@@ -237,7 +237,7 @@ def units(study: SweepConfig) -> dict[str, str]:
 
 
 def described(study: SweepConfig) -> dict[str, Any]:
-    """Return all that the figures of a study depend on, by name: plain values."""
+    """Return the plain values, by name, on which the figures of a study depend."""
     result = {'rows': study.rows, 'tolerances': list(study.tolerances), **study.extent.flat()}
     result |= {
         f'vary: {name}': {distribution.kind: list(distribution.arguments)}

@@ -1,5 +1,5 @@
 """
-Time as an integer tick, the one place that turns it into nanoseconds and ROS stamps.
+Time as an integer tick, and its conversion to nanoseconds and ROS stamps.
 
 ====================  =====================  ====
 symbol                name                   unit
@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 
 
 def nanoseconds(seconds: float, name: str) -> int:
-    """Return ``seconds`` as whole nanoseconds; raise `ParameterError` when it is none."""
+    """Return ``seconds`` in nanoseconds; raise `ParameterError` if they are not whole."""
     whole = round(seconds * SECOND)
     if abs(whole - seconds * SECOND) > 1e-3:
         raise refusal(name, seconds, 'a whole number of nanoseconds [s]')
@@ -44,20 +44,20 @@ def require_duration(duration: float) -> None:
 
 
 def samples_between(rate: float, time_step: float) -> int:
-    """Return the number of samples between messages at ``rate`` [Hz]; 0 for none."""
+    """Return the number of samples between messages at ``rate`` [Hz], 0 for no messages."""
     return max(1, round(1.0 / (rate * time_step))) if rate else 0
 
 
 def seconds(stamp_ns: int) -> str:
-    """Return a stamp [ns] in seconds, to the last digit."""
+    """Format a stamp [ns] in seconds, with all digits."""
     return f'{stamp_ns // SECOND}.{stamp_ns % SECOND:09d}'
 
 
 class SampleClock:
     """
-    Samples ``step_ns`` apart, from ``start_ns`` on.
+    A clock of samples ``step_ns`` apart, from ``start_ns`` on.
 
-    ``tick`` is -1 before the first, and ``stamp`` (s, ns) is then that of the first.
+    Before the first sample, ``tick`` is -1 and ``stamp`` (s, ns) is the stamp of the first.
     """
 
     def __init__(self, start_ns: int, step_ns: int) -> None:
@@ -65,16 +65,16 @@ class SampleClock:
         self.start_at(start_ns)
 
     def start_at(self, start_ns: int) -> None:
-        """Let the first sample, which is yet to come, have the stamp ``start_ns``."""
+        """Restart before the first sample, which will have the stamp ``start_ns``."""
         self.start_ns = start_ns
         self.tick, self.stamp = -1, stamp(0, start_ns, self.step_ns)
 
     def go_to(self, tick: int) -> None:
-        """Make ``tick`` the present one."""
+        """Go to the sample ``tick``."""
         self.tick, self.stamp = tick, divmod(self.start_ns + tick * self.step_ns, SECOND)
 
     def seconds(self, ahead: int = 0) -> str:
-        """Return the stamp of the sample ``ahead`` of the present one, in seconds."""
+        """Return the stamp, in seconds, ``ahead`` samples after the present one."""
         return seconds(self.start_ns + max(0, self.tick + ahead) * self.step_ns)
 
     def tick_at(self, stamp_ns: int) -> int:

@@ -1,7 +1,7 @@
 """
-What a simulated run, an exact solution and a recording share: samples, a table and a plot.
+Base class of simulated runs, exact solutions and recordings: samples, table and plot.
 
-pandas and matplotlib are imported on use.
+pandas and matplotlib are imported when used.
 """
 
 from collections.abc import Mapping

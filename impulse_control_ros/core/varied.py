@@ -1,9 +1,9 @@
 """
-The parameters that a batch varies: checked, and packed for the kernels.
+Check the varied parameters of a batch, and pack them for the kernels.
 
-A parameter is varied by its full name, ``F_c`` or ``damping.seed``. Where plant and controller
-share a name it takes the node's: ``plant_simulator.m`` is the mass that moves, ``controller.m``
-the one the impulses are computed for.
+A varied parameter is given by its full name, such as ``F_c`` or ``damping.seed``. If plant and
+controller share the name, the node precedes it: ``plant_simulator.m`` is the moving mass,
+``controller.m`` the mass for which impulses are computed.
 """
 
 from collections.abc import Mapping
@@ -41,8 +41,8 @@ class Rows(NamedTuple):
     """
     The packed parameters of n runs: ``start`` (n, 2) in m and m/s, all others (n,).
 
-    Their dtypes are PLANT, LAW and HARDWARE; ``hardware`` is None where all plants are ideal and
-    no law has options.
+    Their dtypes are PLANT, LAW and HARDWARE; ``hardware`` is None if all plants are ideal and no
+    law has options.
     """
 
     plant: np.ndarray
@@ -146,5 +146,5 @@ def checked(name: str, array: np.ndarray, default: Any, spec: Spec) -> np.ndarra
             return array
         wrong = int(np.argmin(admitted))
     value = array[wrong].item() if array.dtype.kind != 'O' else array[wrong]
-    converted(f'{name}[{wrong}]', value, default, spec)  # raises, in the words of one value
+    converted(f'{name}[{wrong}]', value, default, spec)  # raises the error of a single value
     raise refusal(f'{name}[{wrong}]', value, spec.allowed(type(default)))

@@ -1,4 +1,4 @@
-"""When samples are due on the wall clock, and how well that is kept."""
+"""Pacing of samples by the wall clock, and its timing errors."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ SLIP = 0.1
 
 class WallClockPacer:
     """
-    The wall time of samples: ``wall_step`` seconds apart, 0 for as fast as possible.
+    Schedules samples ``wall_step`` seconds of wall time apart, 0 for as fast as possible.
 
-    A plant that is late catches up, but not by more than SLIP seconds: then the wall clock of the
-    run starts anew. ``missed`` counts the samples made more than one ``wall_step`` late.
+    A late plant catches up, unless it is more than SLIP seconds late; the schedule then restarts.
+    ``missed`` counts the samples that are more than one ``wall_step`` late.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class WallClockPacer:
         self._errors: list[float] = []
 
     def restart(self, tick: int, now: float) -> None:
-        """Count wall time from ``now`` [s] on, at ``tick``."""
+        """Restart the schedule at ``tick`` and ``now`` [s]."""
         self._since, self._tick = now, tick
 
     def due(self, tick: int) -> float:
@@ -28,7 +28,7 @@ class WallClockPacer:
         return self._since + (tick + 1 - self._tick) * self.wall_step if self.wall_step else 0.0
 
     def made(self, tick: int, now: float) -> None:
-        """Note that the sample after ``tick`` is made ``now``."""
+        """Record that the sample after ``tick`` was made at ``now`` [s]."""
         late = now - self.due(tick)
         self._errors.append(late)
         self.missed += late > self.wall_step

@@ -1,1 +1,1 @@
-"""The only room that opens files: parameter files and bags. No rclpy."""
+"""Files: parameter files and bags. Only this package opens files; it does not import rclpy."""

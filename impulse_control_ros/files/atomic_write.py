@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Atomic writes: a file is either complete or absent."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def flush(path: Path) -> None:
-    """Bring a file or the names in a folder to the disk."""
+    """Flush a file, or the entries of a folder, to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -18,9 +18,9 @@ def flush(path: Path) -> None:
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
     """
-    Yield a file beside ``path``, which becomes ``path`` at the end.
+    Yield a temporary file beside ``path`` that replaces ``path`` at the end.
 
-    An `OSError` that occurs meanwhile names ``path``.
+    Any `OSError` raised meanwhile names ``path``.
     """
     made = path.with_name(f'.{path.name}.new')
     try:

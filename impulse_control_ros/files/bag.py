@@ -1,10 +1,10 @@
 """
 Bags: a rosbag2 folder, ``NAME/NAME_0.mcap`` and ``NAME/metadata.yaml``.
 
-Written as rosbag2 of Jazzy does (profile ros2, schemas ros2msg, CDR, metadata version 9), with
-log time = publish time = the stamp of the message. A chunk is handed to the operating system as
-soon as it is full, so a recorder that is killed loses no more than its last chunk. When the disk
-is full, chunks are given up, the last first, until what is left can be finished.
+Bags have the format of rosbag2 in Jazzy (profile ros2, schemas ros2msg, CDR, metadata version 9),
+with log time = publish time = the stamp of the message. A full chunk is handed to the operating
+system at once, so a killed recorder loses at most its last chunk. If the disk is full, chunks are
+discarded from the end until the file can be finished.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,10 +30,10 @@ ROLES = tuple(SERIES)
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """YAML without anchors: every value is spelled out where it stands."""
+    """YAML without anchors: every value is written in full."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Never refer to an earlier value."""
+        """Never write an alias for an earlier value."""
         return True
 
 
@@ -44,7 +44,7 @@ def to_yaml(content: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A recorded topic: absolute name, type as pkg/msg/Name, nine QoS keys per publisher."""
+    """A recorded topic: absolute name, type pkg/msg/Name, nine QoS keys per publisher."""
 
     name: str
     type: str
@@ -52,7 +52,7 @@ class Topic:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What metadata.yaml says of it."""
+        """The entry of the topic in metadata.yaml."""
         return {
             'name': self.name,
             'type': self.type,
@@ -66,8 +66,8 @@ class BagWriter:
     """
     A bag under construction; `close` finishes it, once.
 
-    ``full`` is why something could not be written: from then on nothing more is. All raise
-    `BagError` that names the file, as when the folder exists.
+    ``full`` is the error of the first failed write; nothing is written after it. All methods raise
+    a `BagError` that names the file, for example if the folder exists.
     """
 
     def __init__(self, folder: str | Path, compression: str = 'none') -> None:
@@ -85,7 +85,7 @@ class BagWriter:
         self._if_it_fits(self._add_bag_metadata)
 
     def add_topic(self, topic: Topic) -> int:
-        """Register a topic; returns the channel for `write`."""
+        """Register a topic; return its channel for `write`."""
         definition = definition_of(topic.type, f'topic {topic.name!r}')
         metadata = {
             'offered_qos_profiles': to_yaml([dict(qos) for qos in topic.qos]),
@@ -194,7 +194,7 @@ def definition_of(kind: str, what: str) -> str:
 
 
 def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:
-    """Say in a bag which run it is of, and which of its ``topics`` has which role."""
+    """Store in a bag the id of its run, and the role of each of its ``topics``."""
     bag.add_metadata(
         PACKAGE,
         {'version': __version__, 'run': run}
@@ -204,9 +204,9 @@ def describe_run(bag: BagWriter, run: str, topics: Sequence[Topic]) -> None:
 
 def require_writable(folder: Path) -> None:
     """
-    Raise `BagError` when ``folder`` exists or cannot be made: nothing recorded is overwritten.
+    Raise `BagError` if ``folder`` exists or cannot be made, so that no recording is overwritten.
 
-    The folder is made for a moment, the only proof that it can be.
+    The folder is made and removed again, since only that proves that it can be made.
     """
     missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
@@ -220,7 +220,7 @@ def require_writable(folder: Path) -> None:
 
 
 def storage_path(folder: Path) -> Path:
-    """Return the path of the MCAP file in a bag of ours."""
+    """Return the path of the MCAP file in a bag that this package writes."""
     return folder / f'{folder.name}_0.mcap'
 
 

@@ -1,11 +1,10 @@
 """
 JointState as CDR bytes: a fixed layout packed and read at known offsets.
 
-A JointState of one joint always has the same shape once its frame_id and the filled fields are
-known: constant bytes, a stamp at offset 4, and doubles at offsets that follow from CDR's
-alignment (relative to the end of the 4-byte encapsulation, little endian). Padding is zero in
-what we write and ignored in what we read: other writers leave it uninitialised, and rclpy's
-serializer may append unused bytes.
+The frame_id and the filled fields determine the layout of a JointState of one joint: constant
+bytes, a stamp at offset 4, and doubles at offsets that follow from CDR's alignment (relative to
+the end of the 4-byte encapsulation, little endian). Padding is written as zero and ignored on
+reading: other writers leave it uninitialised, and rclpy's serializer may append unused bytes.
 """
 
 from collections.abc import Sequence
@@ -26,9 +25,9 @@ _HEADER = struct.Struct('<4sIII')  # stamp, and the length of the string behind 
 
 class CdrWriter:
     """
-    A CDR message in the making: its ``data``, and a ``mask``.
+    A CDR message under construction: its ``data`` and a ``mask``.
 
-    The mask is 0 where a byte is padding, or a value that is still open, and 255 elsewhere.
+    The mask is 0 for padding and for values to be filled in later, and 255 elsewhere.
     """
 
     def __init__(self) -> None:
@@ -39,7 +38,7 @@ class CdrWriter:
         self.mask += (b'\xff' if is_constant else b'\x00') * len(data)
 
     def put(self, code: str, value: float | None = None) -> int:
-        """Append a number of this `struct` code, or leave room for one; returns its offset."""
+        """Append a number of this `struct` code, or room for one; return its offset."""
         size = struct.calcsize('<' + code)
         self._append(bytes((4 - len(self.data)) % size), False)
         self._append(struct.pack('<' + code, value or 0), value is not None)
@@ -55,10 +54,10 @@ class JointStateLayout:
     """
     The layout for one joint: ``fields`` are filled with one value, the others left empty.
 
-    Where the message has other ``joints`` beside it, theirs are 0, and ignored in what is read.
-    ``encode(sec, nanosec, *values)`` returns bytes; ``decode(raw)`` returns
-    (sec, nanosec, *values), values in the order of ``fields``, or None when ``raw`` has another
-    layout. ``dtype`` is that of a ``message`` as a record of these values.
+    The values of other ``joints`` in the message are written as 0 and ignored on reading.
+    ``encode(sec, nanosec, *values)`` returns bytes. ``decode(raw)`` returns (sec, nanosec,
+    *values), with values in the order of ``fields``, or None if ``raw`` has another layout.
+    ``dtype`` is the dtype of a ``message`` as a record of these values.
     """
 
     def __init__(
@@ -120,10 +119,10 @@ class JointStateLayout:
 
     def decode_rows(self, rows: np.ndarray) -> list[np.ndarray]:
         """
-        Return (whether it has this layout, sec, nanosec, *values), each of shape (n,).
+        Return (whether a row has this layout, sec, nanosec, *values), each of shape (n,).
 
-        ``rows`` of shape (n, size) are the bytes of n messages of one size; what `decode` takes
-        for none has meaningless values.
+        ``rows``, shape (n, size), are the bytes of n messages of one size. The values of rows with
+        another layout are meaningless.
         """
         if rows.shape[1] < len(self.message):
             return [np.zeros(len(rows), bool), *np.zeros((2 + len(self.fields), len(rows)))]
@@ -137,7 +136,7 @@ class JointStateLayout:
 def encode_rows(
     message: bytes, dtype: np.dtype[Any], values: Sequence[np.ndarray], room: int
 ) -> np.ndarray:
-    """Return n times ``room`` free bytes and a ``message`` with these values, of its dtype."""
+    """Return n rows: ``room`` free bytes, then the ``message`` with its row of ``values``."""
     rows = np.empty((len(values[0]), room + len(message)), np.uint8)
     rows[:, room:] = np.frombuffer(message, np.uint8)
     records = rows[:, room:].view(dtype)[:, 0]
@@ -148,9 +147,9 @@ def encode_rows(
 
 def layout_in(raw: bytes, joint: str | None = None) -> JointStateLayout | None:
     """
-    Return the layout of any message of a ``joint``, None for the first; None for no such one.
+    Return the layout of a message for ``joint`` (its first if None), or None if there is none.
 
-    Each field is to be empty, or to have a value for each joint.
+    Each field must be empty or have a value for each joint.
     """
     try:
         frame_id, at = _string_at(raw, _FRAME_ID_AT)
@@ -173,28 +172,28 @@ def layout_in(raw: bytes, joint: str | None = None) -> JointStateLayout | None:
 
 
 def _count_at(raw: bytes, at: int) -> tuple[int, int]:
-    """Return the count that stands at, or after, ``at``, and the end of it."""
+    """Return the count at or after offset ``at``, and its end."""
     at += -at % 4
     return struct.unpack_from('<I', raw, at)[0], at + 4
 
 
 def _string_at(raw: bytes, at: int) -> tuple[str, int]:
-    """Return the string that stands at, or after, ``at``, and the end of it."""
+    """Return the string at or after offset ``at``, and its end."""
     size, at = _count_at(raw, at)
     return raw[at : at + size - 1].decode(), at + size
 
 
 def string(text: str) -> bytes:
-    """Return a string as it stands in CDR: its length, its bytes, a zero."""
+    """Return a string in CDR: its length, its bytes, a zero."""
     data = text.encode() + b'\x00'
     return struct.pack('<I', len(data)) + data
 
 
 def read_header(raw: bytes) -> tuple[int, bytes]:
     """
-    Return the stamp [ns] and the string behind it, which many messages begin with.
+    Return the stamp [ns] and the string after it, with which many messages begin.
 
-    For a message with a header that string is the frame_id. A stamp of 0 is none.
+    In a message with a header, the string is the frame_id. A stamp of 0 means no stamp.
     """
     if len(raw) < _HEADER.size or raw[:4] != LITTLE_ENDIAN_CDR:
         return 0, b''

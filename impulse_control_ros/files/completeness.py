@@ -1,4 +1,4 @@
-"""What a bag of any recorder lacks of its run, determined from its messages."""
+"""What is missing from a bag of any recorder, determined from its messages."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ NO_EVENT = 'commands name a guard whose event is missing'
 
 
 def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
-    """Return what a run with these parameter ``changes`` lacks, as sentences."""
+    """Return sentences on what a run with these parameter ``changes`` lacks."""
     if not len(run.series.states.rows):
         return []
     return [
@@ -27,7 +27,7 @@ def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
 
 
 def of_others(run: OneRun) -> Iterator[str]:
-    """Report the messages that are left out."""
+    """Report the messages that were left out."""
     for name, count in run.others.items():
         yield f'{name} is left out ({count} messages)'
 
@@ -95,7 +95,7 @@ def authors(commands: Messages) -> list[str]:
 
 
 def is_in(stamps: np.ndarray, among: np.ndarray) -> Any:
-    """Return which of ``stamps`` are ``among`` others; both are sorted."""
+    """Return which ``stamps`` occur in ``among``; both are sorted."""
     if np.array_equal(among[: len(stamps)], stamps):
         return np.ones(len(stamps), bool)
     return np.append(among, 0)[np.searchsorted(among, stamps)] == stamps

@@ -1,4 +1,4 @@
-"""Message definitions as rosbag2 stores them, from the interface files beside the ROS packages."""
+"""Message definitions as rosbag2 stores them, from the interface files of ROS packages."""
 
 import json
 import os
@@ -12,7 +12,7 @@ FIELD = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+')
 
 
 def interface_file(package: str, name: str) -> Path:
-    """Return an interface file, e.g. Header.msg; raise `FileNotFoundError` naming it."""
+    """Return an interface file, e.g. Header.msg; raise `FileNotFoundError` that names it."""
     prefixes = [
         *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
         sys.prefix,

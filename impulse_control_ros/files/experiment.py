@@ -1,7 +1,7 @@
 """
 An experiment: the parameters of the three nodes.
 
-The classes below are the one source of the nodes' parameters; the nodes declare them from here.
+The nodes declare their parameters from the classes below, the only place that defines them.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ SLOWEST = 1e-3  # Hz
 
 
 def cpu_core_parameter() -> Any:
-    """Make the field that places a node's process."""
+    """Return the field for the core that a node's process runs on."""
     return parameter(
         -1, '', 'core that the process runs on; -1 for any', lower=-1, upper=4095, read_only=True
     )
@@ -30,7 +30,7 @@ def cpu_core_parameter() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(Plant):
-    """Parameters of the node ``plant_simulator``: the axis, and how it is run."""
+    """Parameters of the node ``plant_simulator``: the axis and how to run it."""
 
     joint_name: str = parameter('axis', '', 'name of the joint in the messages', read_only=True)
     duration: float = parameter(
@@ -87,7 +87,7 @@ class PlantParameters(Plant):
     cpu_core: int = cpu_core_parameter()
 
     def check(self) -> None:
-        """Stamps are whole nanoseconds within ROS' range; free running needs a pace."""
+        """Require stamps of whole nanoseconds in ROS's range, and a pace if free-running."""
         super().check()
         nanoseconds(self.start_time, 'start_time')
         if self.start_time + self.duration > LAST_SECOND:
@@ -168,7 +168,7 @@ class RecorderParameters(Parameters):
     cpu_core: int = cpu_core_parameter()
 
 
-# rclpy's own parameters, which any node has
+# rclpy's own parameters, which every node has
 FOREIGN = ('use_sim_time', 'start_type_description_service')
 FOREIGN_PREFIX = 'qos_overrides.'
 NODES: dict[str, type[Parameters]] = {
@@ -180,7 +180,7 @@ NODES: dict[str, type[Parameters]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """The parameters of the three nodes; ``plant`` and ``gains`` are what `simulate` takes."""
+    """The parameters of the three nodes; `simulate` takes ``plant`` and ``gains``."""
 
     plant: PlantParameters
     gains: ControllerParameters
@@ -189,9 +189,9 @@ class Experiment:
 
 def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, Any]) -> None:
     """
-    Raise `ParameterError` when a controller's ``gains`` are not for the ``axis`` of ``plant``.
+    Raise `ParameterError` if a controller's ``gains`` do not match the ``axis`` of ``plant``.
 
-    Both are values by name; what a plant that is none of ours does not tell is not compared.
+    Both are values by name. Values that a foreign plant does not publish are not compared.
     """
     for name, unit in (('time_step', ' [s]'), ('joint_name', '')):
         if axis.get(name, gains[name]) != gains[name]:
@@ -199,10 +199,10 @@ def require_agreement(plant: str, axis: Mapping[str, Any], gains: Mapping[str, A
 
 
 def axis_of(values: Mapping[str, Any]) -> Plant | None:
-    """Return the axis of a plant's values by name; None for a plant that is none of ours."""
+    """Return the axis from a plant's values by name, None for a foreign plant."""
     ours = {name: value for name, value in values.items() if not is_foreign(name)}
     if not ours.keys() >= {name for name, _, _ in declared(PlantParameters)}:
-        return None  # what it does not tell is not Table I
+        return None  # do not assume Table I for missing values
     try:
         return build(PlantParameters, ours)
     except ParameterError:
@@ -210,5 +210,5 @@ def axis_of(values: Mapping[str, Any]) -> Plant | None:
 
 
 def is_foreign(name: str) -> bool:
-    """Tell whether a parameter belongs to rclpy itself."""
+    """Return whether a parameter belongs to rclpy itself."""
     return name in FOREIGN or name.startswith(FOREIGN_PREFIX)

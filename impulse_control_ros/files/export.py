@@ -1,9 +1,9 @@
 """
-A bag as one table: a row for each sample, in the order of time, with the `SAMPLE_COLUMNS`.
+Export a bag as a table: one row per sample in time order, with the `SAMPLE_COLUMNS`.
 
-Numbers have the bits of the messages. What is not recorded at a sample is NaN, and empty in a
-file. Parameters, their changes, units, the recording summary and what is missing are in
-``DataFrame.attrs`` and in the metadata of a Parquet file; a CSV file has no room for them.
+Numbers keep the bits of the messages. Values not recorded at a sample are NaN, and empty in a
+file. ``DataFrame.attrs`` and the metadata of a Parquet file hold the parameters, their changes,
+the units, the recording summary and what is missing; a CSV file has no room for them.
 """
 
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ from impulse_control_ros.files.recording import read_bag, Recording
 UNITS = {name: column.unit for name, column in SAMPLE_COLUMNS.items()}
 KEY = 'impulse_control_ros'
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
-Bag = str | Path | Recording  # a folder or file, or what `read_bag` has returned
+Bag = str | Path | Recording  # a folder, a file, or the result of `read_bag`
 
 
 def to_numpy(bag: Bag) -> np.ndarray:
-    """Return a structured array of shape (n,), see above; raises `BagError` for what is no bag."""
+    """Return a structured array of shape (n,), see above; raises `BagError` for an invalid bag."""
     columns = columns_of(sampled(bag))
     columns['guard'] = np.array(GUARDS)[columns['guard']]
     table = np.empty(
@@ -39,7 +39,7 @@ def to_numpy(bag: Bag) -> np.ndarray:
 
 
 def to_pandas(bag: Bag) -> Any:
-    """Return a `pandas.DataFrame`, see above; raises `BagError` for what is no bag."""
+    """Return a `pandas.DataFrame`, see above; raises `BagError` for an invalid bag."""
     table = to_arrow(bag)
     frame = table.to_pandas()
     frame.attrs = json.loads(table.schema.metadata[KEY.encode()])
@@ -47,7 +47,7 @@ def to_pandas(bag: Bag) -> Any:
 
 
 def to_parquet(bag: Bag, file: str | Path) -> int:
-    """Write ``file`` anew; returns the rows. Raises `BagError`, and `OSError` for the file."""
+    """Write or replace ``file``; return the number of rows. Raises `BagError` and `OSError`."""
     import pyarrow.parquet as pq
 
     table = to_arrow(bag)
@@ -59,7 +59,7 @@ def to_parquet(bag: Bag, file: str | Path) -> int:
 
 
 def to_csv(bag: Bag, file: str | Path) -> int:
-    """Write ``file`` anew, numbers in the shortest form that is read back as the same bits."""
+    """Write or replace ``file``, with numbers in the shortest form that preserves their bits."""
     from pyarrow.csv import write_csv, WriteOptions
 
     table = to_arrow(bag)
@@ -69,7 +69,7 @@ def to_csv(bag: Bag, file: str | Path) -> int:
 
 
 def to_arrow(bag: Bag) -> Any:
-    """Return a `pyarrow.Table`, see above; raises `BagError` for what is no bag."""
+    """Return a `pyarrow.Table`, see above; raises `BagError` for an invalid bag."""
     import pyarrow as pa
 
     run = sampled(bag)
@@ -90,7 +90,7 @@ def to_arrow(bag: Bag) -> Any:
 
 
 def sampled(bag: Bag) -> Recording:
-    """Return a bag that has samples."""
+    """Return the recording; raise `BagError` if it has no samples."""
     run = bag if isinstance(bag, Recording) else read_bag(bag)
     if not len(run.states):
         name = 'the recording' if run is bag else f'bag {str(bag)!r}'
@@ -99,7 +99,7 @@ def sampled(bag: Bag) -> Recording:
 
 
 def columns_of(run: Recording) -> dict[str, np.ndarray]:
-    """Return the columns, each of shape (n,), with guards as their numbers in GUARDS."""
+    """Return the columns, each of shape (n,), with guards as indices in GUARDS."""
     series = (run.states, run.commands, run.impulses, run.damping)
     stamp = np.unique(np.concatenate([rows['stamp'] for rows in series]))
 
@@ -123,7 +123,7 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
 
 
 def provenance(run: Recording) -> Mapping[str, Any]:
-    """Return what a bag says about its run."""
+    """Return the metadata of a run."""
     return {
         'units': UNITS,
         'run': run.run,

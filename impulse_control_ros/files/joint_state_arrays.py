@@ -1,9 +1,9 @@
 """
-The messages of one topic of ours as rows, from the columns of a bag.
+Convert the messages of one topic, from the columns of a bag, to rows.
 
-A message says by its frame_id which run, episode and author it is from (core/protocol.py). Those
-with one frame_id, joints and fields have one layout: it is found in the first of them, and reads
-them all at once. A message whose stamp is 0 has none: it answers no state.
+The frame_id of a message names its run, episode and author (core/protocol.py). Messages with equal
+frame_id, joints and fields have the same layout: it is found in the first message and decodes all
+of them at once. A message with stamp 0 answers no state.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,14 +42,14 @@ NEEDED: dict[np.dtype[Any], Sequence[str]] = {
     IMPULSE: FIELDS,
 }
 NOT_OURS = -1
-KEPT = 8  # layouts by the size of a message
-# messages to look at for one to be read at once: looking one by one costs that much more
+KEPT = 8  # layouts per message size
+# messages tested per message decoded in bulk: decoding one by one costs that much more
 WORTH = 256
-Known = tuple[JointStateLayout | None, int]  # with the number of its origin, or NOT_OURS
+Known = tuple[JointStateLayout | None, int]  # a layout and the number of its origin, or NOT_OURS
 
 
 class Source(NamedTuple):
-    """Whose states: those of a ``run``, or of a foreign plant, '', in a ``namespace``."""
+    """The source of states: a ``run``, or a foreign plant (run '') in a ``namespace``."""
 
     run: str
     namespace: str
@@ -57,12 +57,12 @@ class Source(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name to choose it by."""
+        """The name by which to choose the source."""
         return self.run or self.namespace
 
 
 class Origin(NamedTuple):
-    """Where messages come from: the namespace of their topic, their joint, and their header."""
+    """The origin of messages: the namespace of their topic, their joint, and their header."""
 
     namespace: str
     joint: str
@@ -70,7 +70,7 @@ class Origin(NamedTuple):
 
     @property
     def source(self) -> Source:
-        """Whose the message is, if it is a state."""
+        """The source of the message, if it is a state."""
         return Source(self.header.run, self.namespace, self.joint)
 
     @property
@@ -89,7 +89,7 @@ class Messages(NamedTuple):
     """
     Messages of a topic, shape (n,).
 
-    ``sent`` is when each was published [ns], ``origin`` the number of its origin in ``origins``.
+    ``sent`` is the publish time [ns] of each, ``origin`` the index of its origin in ``origins``.
     """
 
     rows: np.ndarray
@@ -103,7 +103,7 @@ class Messages(NamedTuple):
         return self.rows['stamp']
 
     def where(self, keep: np.ndarray) -> 'Messages':
-        """Return those that are to ``keep``, by a mask or in an order."""
+        """Return the messages to ``keep``, a mask or a sequence of indices."""
         if keep.dtype == bool and keep.all():
             return self
         return Messages(self.rows[keep], self.sent[keep], self.origin[keep], self.origins)
@@ -114,15 +114,15 @@ class Messages(NamedTuple):
         return list(zip(self.origins, counts, strict=True))
 
     def per_message(self, of: Callable[[Origin], int]) -> np.ndarray:
-        """Return what each origin tells."""
+        """Return ``of(origin)`` for the origin of each message."""
         return np.array([*map(of, self.origins), 0], np.int32)[self.origin]
 
     def from_origins(self, test: Callable[[Origin], bool]) -> 'Messages':
-        """Return those whose origin passes a ``test``."""
+        """Return the messages whose origin passes ``test``."""
         return self.where(self.per_message(test).astype(bool))
 
     def in_order(self, preferred: np.ndarray | None = None) -> 'Messages':
-        """Return one of each stamp, by their stamps: the first one sent, or one ``preferred``."""
+        """Return one message per stamp, in order: a ``preferred`` one, or the first one sent."""
         if (np.diff(self.stamps) > 0).all():
             return self
         last = np.zeros(len(self.rows), bool) if preferred is None else ~preferred
@@ -131,7 +131,7 @@ class Messages(NamedTuple):
 
 
 class JointStateTable:
-    """The messages of one topic of ours, as rows of ``kind``; of several joints ``joint``."""
+    """The messages of one topic as rows of dtype ``kind``, for ``joint`` if there are several."""
 
     def __init__(self, kind: np.dtype[Any], joint: str) -> None:
         self._kind, self._joint = kind, joint
@@ -143,7 +143,7 @@ class JointStateTable:
         self._layouts: dict[tuple[str, int], list[Known]] = {}
 
     def add(self, column: Column, namespace: str, in_place: bool) -> None:
-        """Take messages; where they are ``in_place``, those whose publish time is their stamp."""
+        """Add messages; if ``in_place``, only messages whose publish time is their stamp."""
         count = len(column.time)
         rows, origin = np.zeros(count, self._kind), np.full(count, NOT_OURS, np.int32)
         for which, content in column.same_size():
@@ -172,7 +172,7 @@ class JointStateTable:
             else:
                 known, span = untried.pop(0), left
             good = self._fill(known, content, span, rows, origin)
-            good[0] |= is_new  # what is no message is not looked at again
+            good[0] |= is_new  # an invalid message is not tested again
             if good.any() and len(found) < KEPT:
                 found.append(known)
             left = np.append(span[~good], left[len(span) :])
@@ -180,7 +180,7 @@ class JointStateTable:
         return rows, origin
 
     def _known(self, raw: bytes, namespace: str) -> Known:
-        """Return the layout of a message, None for no message, and the number of its origin."""
+        """Return the layout of a message, None if invalid, and the number of its origin."""
         layout = layout_in(raw, self._joint) or layout_in(raw)
         if not (
             layout
@@ -205,7 +205,7 @@ class JointStateTable:
         rows: np.ndarray,
         origin: np.ndarray,
     ) -> np.ndarray:
-        """Return which messages of a ``span`` have a layout; fills in what they hold."""
+        """Return which messages of a ``span`` have the layout; fill in their values."""
         layout, number = known
         if layout is None:
             return np.zeros(len(span), bool)
@@ -228,10 +228,10 @@ class JointStateTable:
         return good
 
     def messages(self) -> Messages:
-        """Return what was read, once."""
+        """Return the messages read so far; may be called only once."""
         parts: tuple[list[np.ndarray], ...] = self._rows, self._sent, self._origin
         rows, sent, origin = (np.concatenate(part) for part in parts)
-        for part in parts:  # nothing is held twice
+        for part in parts:  # frees the memory of the parts
             part.clear()
         return Messages(rows, sent, origin, self._origins)
 

@@ -1,4 +1,4 @@
-"""The messages of an MCAP chunk as arrays: where it ends, its records and its indexes."""
+"""The messages of an MCAP chunk as arrays: its end, its records and its indexes."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,9 +7,9 @@ from mcap.opcode import Opcode
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-AHEAD = 9  # bytes of opcode and length, which stand before each record
+AHEAD = 9  # bytes of opcode and length before each record
 CHUNK_SIZE = 512 * 1024
-LARGEST_CHUNK = 1024 * 1024  # where time stands still
+LARGEST_CHUNK = 1024 * 1024  # if the time does not advance
 MESSAGE = np.dtype(
     [
         ('opcode', 'u1'),
@@ -29,8 +29,8 @@ class Block(NamedTuple):
     """
     Messages in the order of the file.
 
-    ``content`` has their bytes, each behind `ROOM` bytes for the header of its record, which
-    begins at ``start``. ``channel`` and ``stamp``, the publish time [ns], have shape (n,) too.
+    ``content`` has their bytes, each after `ROOM` bytes for the header of its record. ``start``,
+    where each record begins, ``channel`` and ``stamp``, the publish time [ns], have shape (n,).
     """
 
     content: np.ndarray
@@ -39,7 +39,7 @@ class Block(NamedTuple):
     stamp: np.ndarray
 
     def split(self, count: int) -> tuple['Block', 'Block']:
-        """Return the first ``count`` messages, and the others."""
+        """Return the first ``count`` messages and the rest."""
         end = self.start[count] if count < len(self.start) else len(self.content)
         return (
             Block(self.content[:end], *(column[:count] for column in self[1:])),
@@ -71,10 +71,10 @@ def joined(blocks: Sequence[Block]) -> Block:
 
 def first_chunk(block: Block, last: int) -> int:
     """
-    Return how many messages of a block make a chunk, at most all.
+    Return how many messages of a block belong to its first chunk, at most all.
 
-    It ends where it has `CHUNK_SIZE` and time goes on, or else before `LARGEST_CHUNK`. ``last``
-    is the log time before it [ns].
+    The chunk ends once it has `CHUNK_SIZE` and the time advances, at the latest before
+    `LARGEST_CHUNK`. ``last`` is the log time [ns] before the chunk.
     """
     full, most = np.searchsorted(block.start, (CHUNK_SIZE, LARGEST_CHUNK), 'right').tolist()
     if len(block.content) > LARGEST_CHUNK:
@@ -87,7 +87,7 @@ def records_of(chunk: Block, last: int, counts: Mapping[int, int]) -> tuple[memo
     """
     Return the records of a chunk, and the index of each channel in it.
 
-    ``last`` is the log time before it [ns], ``counts`` the messages before it by channel.
+    ``last`` is the log time [ns] and ``counts`` the messages by channel before the chunk.
     """
     start, channels = chunk.start, chunk.channel
     head, time = np.empty(len(start), MESSAGE), np.maximum.accumulate(chunk.stamp)

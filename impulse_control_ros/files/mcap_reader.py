@@ -1,7 +1,7 @@
 """
-The messages of an MCAP file as arrays: the library parses the chunks, a kernel goes through each.
+Read the messages of an MCAP file as arrays: the library parses chunks, a kernel walks each.
 
-An object for each message costs microseconds; a minute of a 10 kHz series has 1.2 million.
+An object per message costs microseconds, and a minute of a 10 kHz run has 1.2 million messages.
 """
 
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ KINDS: dict[int, Any] = {
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Turn what the MCAP library and its codecs raise into a `BagError` that names the file."""
+    """Turn exceptions of the MCAP library and its codecs into a `BagError` that names the file."""
     try:
         yield
     except BROKEN as error:
@@ -60,7 +60,7 @@ class Column(NamedTuple):
     """
     Messages of one ``topic`` in a chunk, in the order of the file.
 
-    ``time`` is the log time and ``stamp`` the publish time [ns], shape (n,). ``same_size`` gives
+    ``time`` is the log time and ``stamp`` the publish time [ns], shape (n,). ``same_size`` yields
     their bytes.
     """
 
@@ -72,14 +72,14 @@ class Column(NamedTuple):
     size: np.ndarray
 
     def same_size(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield (which of the n, their bytes of shape (k, size)) for each size that occurs."""
+        """Yield (indices of messages, their bytes of shape (k, size)) for each size."""
         for size in np.unique(self.size):
             which = np.flatnonzero(self.size == size)
             yield which, rows_at(self.content, self.start[which], int(size))
 
 
 class Cut(NamedTuple):
-    """The end of a file that its writer did not finish: the bytes behind its last whole record."""
+    """The end of an unfinished file; ``unread`` counts the bytes after the last whole record."""
 
     unread: int
 
@@ -95,7 +95,7 @@ def storage_file(bag: str | Path) -> Path:
 
 
 def obstacle(bag: Path) -> str:
-    """Return why `columns` cannot read a bag, '' if it can: it must be, or have, one MCAP file."""
+    """Return why `columns` cannot read a bag, or ''; it must be or contain one MCAP file."""
     if not bag.exists():
         return f'bag {str(bag)!r} does not exist'
     files = mcap_files(bag)
@@ -112,9 +112,9 @@ def mcap_files(bag: Path) -> list[Path]:
 
 def columns(path: Path) -> Iterator[Item]:
     """
-    Yield what a `storage_file` holds, of one that was cut off as far as it goes and then `Cut`.
+    Yield the contents of a `storage_file`; an unfinished file ends with a `Cut`.
 
-    Raises `BagError` for damage in a finished one.
+    Raises `BagError` if a finished file is damaged.
     """
     with naming(path), path.open('rb') as stream:
         size = stream.seek(0, os.SEEK_END)
@@ -153,7 +153,7 @@ def records_in(stream: IO[bytes], end: int) -> Iterator[tuple[int, bytes]]:
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             if opcode == Opcode.FOOTER:
                 checksum = zlib.crc32(record[:-4], checksum)
-            # 0 is no checksum
+            # 0 means no checksum
             if int.from_bytes(record[-4:], 'little') not in (0, checksum):
                 raise ValueError(f'the checksum at byte {at} is another')
             checksum = 0
@@ -164,7 +164,7 @@ def records_in(stream: IO[bytes], end: int) -> Iterator[tuple[int, bytes]]:
 
 
 def items_of(opcode: int, record: bytes, topics: dict[int, str]) -> Iterator[Item]:
-    """Yield what a record holds, if it is of use; a channel is added to ``topics``."""
+    """Yield the contents of a record that the reader uses; a channel is added to ``topics``."""
     if opcode not in KINDS:
         return
     item = KINDS[opcode].read(ReadDataStream(BytesIO(record[AHEAD:])))
@@ -178,7 +178,7 @@ def items_of(opcode: int, record: bytes, topics: dict[int, str]) -> Iterator[Ite
 
 
 def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Item]:
-    """Yield what is among ``records``; its channels are added to ``topics``."""
+    """Yield the contents of ``records``; channels are added to ``topics``."""
     content = np.frombuffer(records, np.uint8)
     others, messages, end = walk(content)
     if end != len(content):
@@ -207,7 +207,7 @@ def rows_at(content: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
 
 @numba.njit(cache=True)
 def walk(content: Any) -> Any:
-    """Return where schemas and channels start, where messages, and where the last record ends."""
+    """Return the starts of schemas and channels, the starts of messages, and the last end."""
     most = len(content) // AHEAD
     others, messages = np.empty(most, np.int64), np.empty(most, np.int64)
     other = message = at = 0

@@ -1,11 +1,11 @@
 """
-An MCAP file, written in blocks of messages.
+Write an MCAP file in blocks of messages.
 
-The records are those of the mcap library. Its `Writer` makes an object and a dozen calls for each
-message: 150,000 messages/s, against 1,000,000 where the headers and indexes of a whole chunk are
-made as arrays. Schemas and channels stand before the chunks, so each chunk can be read by itself;
-a chunk goes to the operating system once it is full and time goes on, so that no two overlap in
-time. What does not fit on the disk can be cut off again, so that the file can be finished.
+The records come from the mcap library. Its `Writer` needs an object and a dozen calls per message
+and writes 150,000 messages/s; arrays of the headers and indexes of a whole chunk reach 1,000,000.
+Schemas and channels precede the chunks, so each chunk can be read by itself. A chunk is written
+once it is full and the time advances, so no two chunks overlap in time. If the disk is full, the
+end of the file can be cut off again and the file finished.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,13 +35,13 @@ _INDEX = struct.Struct('<BQHI')
 COMPRESSIONS: dict[str, tuple[str, Callable[[memoryview], bytes]]] = {
     'none': ('', bytes),
     'lz4': ('lz4', lz4.frame.compress),
-    # level 3, the default, takes half as long again for 1 % less
+    # level 3, the default, takes 50 % longer and saves 1 %
     'zstd': ('zstd', zstandard.ZstdCompressor(level=1).compress),
 }
 
 
 class _Written(NamedTuple):
-    """A ``chunk`` in the file, its messages by channel, the checksum of what is before."""
+    """A ``chunk`` in the file, its message counts by channel, and the checksum before it."""
 
     chunk: records.ChunkIndex
     counts: dict[int, int]
@@ -58,10 +58,10 @@ def encoded(items: Iterable[records.McapRecord]) -> bytes:
 
 class McapFile:
     """
-    A new file at ``path``; raises `FileExistsError` when there is one.
+    A new file at ``path``; raises `FileExistsError` if it exists.
 
-    ``counts`` has the number of messages in its chunks by channel. All raise `OSError` for what
-    cannot be written; then `cut_back`.
+    ``counts`` has the number of messages in its chunks by channel. All methods raise `OSError` if
+    a write fails; call `cut_back` then.
     """
 
     def __init__(self, path: Path, library: str, compression: str) -> None:
@@ -71,9 +71,9 @@ class McapFile:
         self._channels: list[records.Channel] = []
         self._chunks: list[_Written] = []
         self._metadata: list[records.MetadataIndex] = []
-        self._pending: list[Block] = []  # in no chunk yet
+        self._pending: list[Block] = []  # not yet in a chunk
         self._checksum = 0
-        self._end = 0  # of what is in the file for good
+        self._end = 0  # of the data that stays in the file
         self._file = path.open('xb', buffering=0)
         try:
             self._put(MAGIC + encoded([records.Header('ros2', library)]))
@@ -88,16 +88,16 @@ class McapFile:
 
     @property
     def first(self) -> int:
-        """The log time of the first message in a chunk [ns], 0 without one."""
+        """The log time [ns] of the first message in a chunk, 0 if none."""
         return self._chunks[0].chunk.message_start_time if self._chunks else 0
 
     @property
     def last(self) -> int:
-        """The log time of the last message in a chunk [ns], 0 without one."""
+        """The log time [ns] of the last message in a chunk, 0 if none."""
         return self._chunks[-1].chunk.message_end_time if self._chunks else 0
 
     def _put(self, data: bytes) -> None:
-        """Write a part of the data section, whose checksum stands at its end."""
+        """Write a part of the data section, which ends with its checksum."""
         rest = memoryview(data)
         while rest:
             rest = rest[self._file.write(rest) :]
@@ -105,7 +105,7 @@ class McapFile:
         self._end += len(data)
 
     def add_channel(self, topic: str, kind: str, definition: str, metadata: dict[str, str]) -> int:
-        """Register a topic of CDR messages, and the ros2msg definition; returns its channel."""
+        """Register a topic of CDR messages with its ros2msg definition; return its channel."""
         if kind not in self._schemas:
             schema = records.Schema(len(self._schemas) + 1, definition.encode(), 'ros2msg', kind)
             self._put(encoded([schema]))
@@ -130,23 +130,23 @@ class McapFile:
         self._metadata.append(records.MetadataIndex(offset=at, length=len(data), name=name))
 
     def write(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
-        """Append (publish time [ns], channel, data); the log time is that, but never goes back."""
+        """Append (publish time = log time [ns], channel, data); log times never decrease."""
         columns = tuple(zip(*messages, strict=True))
         if columns:
             self.write_block(block_of(*columns))
 
     def write_block(self, block: Block) -> None:
-        """Do `write` for a block of messages, whose headers are filled in place."""
+        """Append a block of messages; their headers are filled in place."""
         self._pending.append(block)
         if sum(len(block.content) for block in self._pending) > CHUNK_SIZE:
             self._write_chunks()
 
     def end_chunk(self) -> None:
-        """Hand what was written to the operating system."""
+        """Write all pending messages as chunks to the operating system."""
         self._write_chunks(everything=True)
 
     def _write_chunks(self, everything: bool = False) -> None:
-        """Write the full chunks of the pending messages, or ``everything``."""
+        """Write the full chunks of the pending messages; with ``everything``, all messages."""
         if not self._pending:
             return
         block = joined(self._pending)
@@ -159,7 +159,7 @@ class McapFile:
         self._pending = [block] if len(block.start) else []
 
     def _put_chunk(self, data: memoryview, indexes: Indexes) -> None:
-        """Write records of messages as a chunk, and the ``indexes`` of its channels."""
+        """Write records of messages as a chunk, then the ``indexes`` of its channels."""
         first = min(int(index['log_time'][0]) for index in indexes.values())
         last = max(int(index['log_time'][-1]) for index in indexes.values())
         chunk = records.Chunk(
@@ -197,9 +197,9 @@ class McapFile:
 
     def cut_back(self) -> bool:
         """
-        Forget the messages that are in no chunk, or without such the last chunk.
+        Discard the messages that are in no chunk or, if there are none, the last chunk.
 
-        What stands behind in the file goes too. Returns False when there was neither.
+        The file is truncated there. Returns False if there was nothing to discard.
         """
         forgotten = bool(self._pending or self._chunks)
         if not self._pending and self._chunks:

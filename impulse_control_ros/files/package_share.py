@@ -1,4 +1,4 @@
-"""The experiments that come with the package."""
+"""The experiments shipped with the package."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ PACKAGE = 'impulse_control_ros'
 
 def shipped_experiment(name: str) -> Path:
     """
-    Return the parameter file of an experiment of ours, by its name without ``.yaml``.
+    Return the parameter file of a shipped experiment, by its name without ``.yaml``.
 
-    It lies in ``config`` beside the package in its repository, and in ``share`` of the prefix
-    above the package once that is installed. Raises `ParameterError` when there is none.
+    In the repository, the file is in ``config`` beside the package; once installed, in ``share``
+    of the prefix above the package. Raises `ParameterError` if there is none.
     """
     package = Path(__file__).resolve().parents[1]
     folders = [

@@ -1,8 +1,8 @@
 """
-rcl_interfaces/ParameterEvent as CDR bytes, for run_parameters: written without ROS.
+rcl_interfaces/ParameterEvent as CDR bytes for run_parameters, written without ROS.
 
-An event has all parameters of its node as ``new_parameters``, and those that have just been
-changed as ``changed_parameters`` too. The stamp is that of the state that they first act with.
+An event lists all parameters of its node in ``new_parameters`` and repeats those just changed in
+``changed_parameters``. Its stamp is the stamp of the first state that the parameters apply to.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from impulse_control_ros.core.parameter import RENAMED
 from impulse_control_ros.files.cdr import CdrWriter
 
 TYPE = 'rcl_interfaces/msg/ParameterEvent'
-# field of rcl_interfaces/ParameterValue by its type, of the types that our parameters have
+# field of rcl_interfaces/ParameterValue by type, for the types of our parameters
 FIELDS = {
     1: 'bool_value',
     2: 'integer_value',
@@ -60,7 +60,7 @@ def decode_parameter_event(
     """
     Return (sec, nanosec, node, parameters, changed) of an event, by their present names.
 
-    ``decode`` turns the bytes into an object with the message's fields: rclpy's, or mcap's.
+    ``decode``, from rclpy or mcap, turns the bytes into an object with the message's fields.
     """
     event = decode(raw)
     parameters, changed = (

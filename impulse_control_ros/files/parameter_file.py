@@ -1,9 +1,9 @@
 """
-ROS parameter files and ``-p`` rules, and what each node gets of them.
+ROS parameter files and ``-p`` rules, and the values that each node gets from them.
 
-rcl merges them by the key of their node: the last value of a key counts, and of several keys that
-match a node (``controller``, ``/**/controller``, ``/**``) the one that appeared last. So a value
-can lose to an earlier one of another key. rcl does not say so; here it is refused.
+rcl merges them by node key: the last value of a key counts, and of several keys that match a node
+(``controller``, ``/**/controller``, ``/**``) the one that appeared last. A value can therefore
+lose to an earlier value of another key. rcl does so silently; this module raises an error.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,9 +28,9 @@ ANY = ('*', '**')
 @dataclass(frozen=True, kw_only=True)
 class Section:
     """
-    The values that a ``source``, a file or a rule, gives to the nodes that ``key`` matches.
+    The values that a ``source`` (a file or a rule) gives to the nodes that ``key`` matches.
 
-    ``key`` begins with a slash, as the full name of a node does; ``values`` are by full name.
+    ``key`` begins with a slash, like the full name of a node; ``values`` are by full name.
     """
 
     source: str
@@ -44,16 +44,16 @@ class Section:
 
     @property
     def is_rule(self) -> bool:
-        """Whether it is of the command line."""
+        """Whether the section comes from the command line."""
         return self.source.startswith('-p ')
 
     @property
     def where(self) -> str:
-        """The place that an error names."""
+        """The source as errors name it."""
         return self.source if self.is_rule else f'{self.source}: {self.key}'
 
     def matches(self, name: str) -> bool:
-        """Tell whether it is for the node of full ``name``."""
+        """Return whether the section applies to the node of full ``name``."""
         pattern = re.escape(self.key).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
         return re.fullmatch(pattern, name) is not None
 
@@ -62,7 +62,7 @@ class Section:
         Return the values for a node with the parameters of ``kind``.
 
         Under a wildcard, parameters that only other nodes have are left out. Raises
-        `ParameterError` for any other name, a wrong type and a value out of its bounds.
+        `ParameterError` for any other name, a wrong type, or a value out of bounds.
         """
         known = {name: (default, spec) for name, default, spec in declared(kind)}
         others = NAMES if self.node in ANY else ()
@@ -119,7 +119,7 @@ def _nested_sections(content: Mapping[str, Any], prefix: str = '') -> Iterator[t
 
 
 def rule_section(rule: str, namespace: str = '') -> Section:
-    """Return what a rule [NODE:]NAME:=VALUE gives, to any node if it names none."""
+    """Return the section of a rule [NODE:]NAME:=VALUE, for any node if it names none."""
     try:
         node, name, value = RULE.fullmatch(rule).groups()  # type: ignore[union-attr]
         value = parsed(value)
@@ -145,8 +145,8 @@ def merged(sections: Iterable[Section], name: str, kind: type[Parameters]) -> di
     """
     Return the values that rcl gives to the node of full ``name``.
 
-    Raises `ParameterError` for what the node does not take, and where rcl does not take the last
-    value of a parameter.
+    Raises `ParameterError` for values that the node does not accept, and if rcl does not take the
+    last value of a parameter.
     """
     keys: dict[str, dict[str, Any]] = {}
     last: dict[str, Section] = {}
@@ -168,19 +168,19 @@ def merged(sections: Iterable[Section], name: str, kind: type[Parameters]) -> di
 
 
 def _kept(before: Any, value: Any) -> Any:
-    """Return what rcl takes: an integer rather than a float, a list rather than an empty one."""
+    """Return the value that rcl keeps: an integer over a float, any value over an empty list."""
     dropped = (type(before) is int and type(value) is float) or (before and value == [])
     return before if dropped else value
 
 
 def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -> Iterator[str]:
-    """Yield what to say of sections that give nothing to the ``nodes``, by full name."""
+    """Yield a message for each source that sets no parameter of some ``nodes``, by full name."""
     known = names_of(*nodes.values())
     for source, group in groupby(sections, attrgetter('source')):
         some = list(group)
         matched = {name for name in nodes if any(one.matches(name) for one in some)}
         named = {one.node for one in some}
-        # a file may be for others of our nodes alone
+        # a file may be only for others of our nodes
         for_others = matched or (named & NODES.keys() and not some[0].is_rule)
         missed = [
             name
@@ -197,7 +197,7 @@ def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -
 
 
 def require_known_nodes(sections: Iterable[Section], names: Iterable[str] = ()) -> None:
-    """Raise `ParameterError` for a section of a node that is neither one of ours nor ``names``."""
+    """Raise `ParameterError` for a section of a node neither of this package nor in ``names``."""
     known = {*ANY, *NODES, *map(base, names)}
     for section in sections:
         if section.node not in known:
@@ -210,10 +210,11 @@ def read_parameters(
     nodes: Mapping[str, type[Parameters]], paths: Iterable[str | Path], rules: Iterable[str]
 ) -> dict[str, dict[str, Any]]:
     """
-    Return what parameter files, and then rules, give to each of the ``nodes`` by its name.
+    Return the values that parameter files, then rules, give to each of the ``nodes``, by name.
 
-    The nodes are in the one namespace that the files name. Raises `ParameterError` for what cannot
-    be read and for what no node takes; the message names the file, the parameter and its value.
+    The nodes share the one namespace that the files name. Raises `ParameterError` for files that
+    cannot be read and values that no node accepts; the message names the file, the parameter and
+    its value.
     """
     sections = [section for path in paths for section in read_sections(path)]
     namespaces = {one.key.rpartition('/')[0] for one in sections if '*' not in one.key} or {''}
@@ -234,9 +235,9 @@ def read_parameters(
 
 def load_experiment(*paths: str | Path, rules: Sequence[str] = ()) -> Experiment:
     """
-    Read the parameters of the three nodes: defaults, then files, then ``rules`` as of ``-p``.
+    Read the parameters of the three nodes: defaults, then files, then ``rules`` as for ``-p``.
 
-    Raises `ParameterError` as `read_parameters` does, and for values that do not fit together.
+    Raises `ParameterError` as `read_parameters` does, and for values that break a rule.
     """
     given = read_parameters(NODES, paths, rules)
     source = ', '.join([*map(str, paths), *(f'-p {rule}' for rule in rules)])

@@ -1,4 +1,4 @@
-"""The messages of a bag, topic by topic and in the order of time, to be published again."""
+"""Read the messages of chosen topics of a bag in time order, for playback."""
 
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
@@ -37,9 +37,9 @@ def surveyed(path: Path) -> tuple[Offers, Spans]:
 
 def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
     """
-    Return the topics ``wanted`` of those ``found``, or all.
+    Return the ``wanted`` topics among those ``found``, or all.
 
-    Raises `ParameterError` for a topic that is not in the bag.
+    Raises `ParameterError` if a topic is not in the bag.
     """
     if wanted is None:
         return found
@@ -51,7 +51,7 @@ def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
 
 
 def offered_by(channel: Channel) -> dict[str, Any]:
-    """Return what the first publisher that was recorded offers; raises `BagError`."""
+    """Return the QoS that the first recorded publisher offers; raises `BagError`."""
     try:
         offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
         return dict(offers[0])
@@ -60,7 +60,7 @@ def offered_by(channel: Channel) -> dict[str, Any]:
 
 
 def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
-    """Return the log time [ns] at which to start; raises `ParameterError` for the offset."""
+    """Return the log time [ns] to start at; raises `ParameterError` for an invalid offset."""
     first, last = min(first for first, _ in spans), max(last for _, last in spans)
     if not 0.0 <= offset <= (last - first) / SECOND:
         raise refusal('--start-offset', offset, f'in [0, {(last - first) / SECOND:g}] [s]')
@@ -80,7 +80,7 @@ def in_order(path: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
 
 
 def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterator[Message]:
-    """Yield the messages of one chunk's ``topics`` in the order of time."""
+    """Yield the messages of one chunk on ``topics``, in time order."""
     messages = [
         (time, start, size, column)
         for column in chunk

@@ -1,4 +1,4 @@
-"""Bags as arrays: what a run was."""
+"""Read the recording of a run from a bag, as arrays."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,24 +51,23 @@ KINDS = {JOINT_STATES: SAMPLE, JOINT_COMMANDS: COMMAND, IMPULSE_EVENTS: IMPULSE}
 @dataclass(frozen=True, kw_only=True)
 class Recording(Trajectory):
     """
-    What a bag holds of one run of one joint.
+    The recording of one run of one joint.
 
-    ``run`` is its id, '' of a foreign plant. ``states`` (n,) of dtype SAMPLE, ``commands`` (n,)
-    of COMMAND, ``impulses`` (k,) of IMPULSE, ``damping`` (j,) of DAMPING, stamps in ns, the rest
-    in SI units, nan for a velocity or effort that was not measured; a state ``is_reset`` where
-    one of our plants starts or is reset. Behind the state of each stamp in ``withdrawn`` [ns] the
-    controller took its effort away, as for want of states, and began afresh. ``history`` are the
-    parameters of plants and controllers and their changes, by their stamps.
-    ``version`` is that of the package that recorded them; ``recording_summary`` is what the
-    recorder says at the end (messages, missing, repeated, foreign, wall_seconds), empty for a bag
-    that was cut off, of which ``unread`` bytes at the end are no whole record; None for a
-    finished one.
-    ``lacks`` says in plain sentences what there should be besides. States of other joints, or
-    out of their time, are left out.
+    ``run`` is its id, '' for a foreign plant. The arrays ``states`` (n,), ``commands`` (n,),
+    ``impulses`` (k,) and ``damping`` (j,) have dtypes SAMPLE, COMMAND, IMPULSE and DAMPING. Stamps
+    are in ns, other values in SI units; an unmeasured velocity or effort is nan. ``is_reset``
+    marks states at which one of our plants starts or is reset. After each state with a stamp in
+    ``withdrawn`` [ns], the controller withdrew its effort, for example because states stopped
+    arriving, and cleared its memory. ``history`` has the parameters of plants and controllers and
+    their changes, by stamp. ``version`` is the version of the package that recorded the bag.
+    ``recording_summary`` has the final counts of the recorder (messages, missing, repeated,
+    foreign, wall_seconds); it is empty for an unfinished bag. ``unread`` is then the number of
+    bytes at the end that form no whole record, and None for a finished bag. ``lacks`` lists in
+    sentences what is missing. States of other joints, and states out of order, are left out.
 
-    ``time`` [s], ``position`` [m], ``velocity`` [m/s], nan where it was not measured, ``effort``
-    [N], the command that answers each state, nan where there is none, and ``set_point`` [m], 0
-    where no controller tells it, have shape (n,).
+    ``time`` [s], ``position`` [m], ``velocity`` [m/s] (nan if not measured), ``effort`` [N] (the
+    command that answers each state, nan if none) and ``set_point`` [m] (0 if unknown) have shape
+    (n,).
     """
 
     run: str
@@ -109,7 +108,7 @@ class Recording(Trajectory):
 
     @cached_property
     def settings(self) -> list[Setting]:
-        """What the controller was set to; empty where none tells a set-point."""
+        """The settings of the controller; empty if no controller publishes a set-point."""
         return settings_of(self.states['stamp'], self.controllers)
 
     @cached_property
@@ -125,12 +124,12 @@ class Recording(Trajectory):
         return self.places(self.impulses['stamp']), self.impulses['guard']
 
     def places(self, stamps: np.ndarray) -> np.ndarray:
-        """Return the index of the state of each of ``stamps`` [ns], or of the next one."""
+        """Return the index of the state at or after each of ``stamps`` [ns]."""
         return np.minimum(np.searchsorted(self.states['stamp'], stamps), len(self.states) - 1)
 
     @cached_property
     def _first(self) -> dict[str, Change]:
-        """The change of each node that it starts with: the last one before the first state."""
+        """The initial parameters of each node: its last change before the first state."""
         start = self.states['stamp'][0] if len(self.states) else 0
         first: dict[str, Change] = {}
         for change in self.history:
@@ -140,12 +139,12 @@ class Recording(Trajectory):
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
-        """The parameters that each node, by its full name, has first."""
+        """The initial parameters of each node, by its full name."""
         return {node: change.values for node, change in self._first.items()}
 
     @property
     def changes(self) -> list[Change]:
-        """The changes on the way, by their stamps; also by nodes that begin to act."""
+        """The changes during the run, by stamp, including nodes that become active."""
         start = self.states['stamp'][0] if len(self.states) else 0
         return [
             change
@@ -161,16 +160,16 @@ class Recording(Trajectory):
 
     @property
     def controllers(self) -> list[Change]:
-        """The parameters of the controllers, each from where it begins to act."""
+        """The parameters of the controllers, each from the state at which it becomes active."""
         return [change for change in self.history if not change.is_plant]
 
 
 def read_bag(bag: str | Path, run: str = '') -> Recording:
     """
-    Read a bag, of several runs the longest one, or that with the name ``run``.
+    Read the run with the name ``run`` from a bag, or the longest one by default.
 
     The name is a run's id or, for a foreign plant, the namespace of its joint_states. Raises
-    `BagError` for what is no bag, and without states.
+    `BagError` for an invalid bag or a bag without states.
     """
     path = storage_file(bag)
     with naming(path):
@@ -187,7 +186,7 @@ def read_bag(bag: str | Path, run: str = '') -> Recording:
 
 
 class _Gathered:
-    """What has been read of a bag so far; messages of several joints are about ``joint``."""
+    """The contents of a bag read so far; messages of several joints are read for ``joint``."""
 
     def __init__(self, joint: str) -> None:
         self.parameters = RunParameters()
@@ -202,7 +201,7 @@ class _Gathered:
         self._topics: set[str] = set()
 
     def add(self, item: Item) -> None:
-        """Take what a file holds."""
+        """Add an item of a file."""
         if isinstance(item, Column):
             self._add_messages(item)
         elif isinstance(item, Schema):
@@ -217,12 +216,12 @@ class _Gathered:
             self._summary = item.metadata
 
     def _add_messages(self, column: Column) -> None:
-        """Take the messages of a topic."""
+        """Add the messages of a topic."""
         self._topics.add(column.topic)
         namespace, _, name = column.topic.rpartition('/')
         about, schema = self._about or {}, self._types.get(column.topic)
         role = next((role for role in ROLES if about.get(role) == column.topic), name)
-        # our recorder records one plant, whatever its topics are called
+        # our recorder records one plant, whatever the names of its topics
         namespace = '/' if self._is_ours else namespace or '/'
         kind = schema.name if schema else ''
         if role in KINDS and kind == JOINT_STATE:
@@ -233,7 +232,7 @@ class _Gathered:
             self.parameters.add(column, namespace, schema)
 
     def recording(self, name: str) -> Recording:
-        """Return the run with that ``name``, '' for any, as a whole."""
+        """Return the recording of the run with that ``name``, '' for any."""
         every = Series(*(self._series[role].messages() for role in KINDS))
         every = every._replace(states=every.states.where(every.states.stamps > 0))
         run = self._about.get('run', '') if self._about is not None else None
@@ -268,24 +267,24 @@ class _Gathered:
 
     @property
     def _is_ours(self) -> bool:
-        """Whether our recorder has made it, or the like of it."""
+        """Whether our recorder, or a compatible writer, made the bag."""
         return self._about is not None
 
     def _typed(self, topic: str) -> str:
-        """Return a topic with its type, where that is known."""
+        """Return a topic with its type, if known."""
         schema = self._types.get(topic)
         return f'{topic} ({schema.name})' if schema else topic
 
 
 def mark_resets(states: Messages, changes: Sequence[Change]) -> None:
     """
-    Fill in which states of one of our plants are a start.
+    Mark the states at which one of our plants starts or is reset.
 
-    A reset is another episode. The plant tells its parameters for the state that a run begins
-    with; where the bag does not have them, it is the one that names no controller.
+    A reset begins a new episode. The plant publishes its parameters for the first state of a run;
+    if the bag lacks them, the first state is the one that names no controller.
     """
     is_reset, header = states.rows['is_reset'], states.origins[states.origin[0]].header
     is_reset[1:] = np.diff(states.per_message(lambda origin: origin.header.episode)) != 0
-    # a plant that waits for the wall clock tells its parameters again at its start
+    # a plant that waits for the wall clock publishes its parameters again at its start
     starts = {change.stamp for change in changes if change.is_plant and change.anew}
     is_reset[0] = states.stamps[0] in starts if starts else header == StateHeader(header.run)

@@ -1,9 +1,10 @@
 """
-Of all messages of a bag, those of one run, each sample once.
+Select the messages of one run from a bag, each sample once.
 
-A bag may hold several: of a plant that was restarted, of two plants, of a foreign plant whose
-time went back. Of several commands for one state the one counts whose author the next state
-names, or the last one itself, else the first one; the events are those of these commands.
+A bag may hold several runs: of a restarted plant, of two plants, or of a foreign plant whose time
+went back. If a state has several commands, the one whose author the next state names counts (for
+the last state, the author that it names itself), or else the first one. Only the events of these
+commands are kept.
 """
 
 from collections import Counter
@@ -15,7 +16,7 @@ import numpy as np
 from impulse_control_ros.core.protocol import StateHeader
 from impulse_control_ros.files.joint_state_arrays import DAMPING, Messages, Source
 
-LATE = 10  # states before the one ahead of them in a row: time went back; fewer came late
+LATE = 10  # consecutive states older than the one before: time went back; fewer were late
 
 
 NO_SOURCE = Source('', '/', '')
@@ -31,10 +32,10 @@ class Series(NamedTuple):
 
 class OneRun(NamedTuple):
     """
-    The ``series`` of one run in order, and the commands ``withdrawn`` that answer no state.
+    The ``series`` of one run in order, and the ``withdrawn`` commands, which answer no state.
 
-    ``source`` is whose they are; ``others`` tells what was left out, and of how many messages.
-    ``span`` are the times [ns] from which on, and before which, it was sent.
+    ``source`` is the source of the states. ``others`` counts the messages that were left out, by
+    kind. ``span`` is the half-open interval of publish times [ns] of the run.
     """
 
     series: Series
@@ -46,10 +47,11 @@ class OneRun(NamedTuple):
 
 def choose(states: Messages, joint: str, run: str | None, name: str) -> Source | None:
     """
-    Return whose states to take, None where there are none: most of all states are theirs.
+    Return the source with the most states among those allowed, None if there are none.
 
-    ``run`` is that of the bag, None for any; ``name`` that of a source, '' for any; of a foreign
-    plant the ``joint``. Raises ValueError for a wrong name, or for too many foreign plants.
+    ``run`` is the run of the bag, None for any. ``name`` is the name of a source, '' for any.
+    Foreign plants need the ``joint``. Raises ValueError for a wrong name or several foreign
+    plants.
     """
     counts = Counter[Source]()
     for origin, count in states.counts():
@@ -77,7 +79,7 @@ def names_of(sources: Iterable[Source]) -> str:
 
 
 def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
-    """Return the messages of a ``source``; in a bag of our recorder (``is_ours``) time goes on."""
+    """Return the messages of a ``source``; our recorder's bags (``is_ours``) are in time order."""
     states = every.states.from_origins(lambda origin: origin.source == source)
     parts = [states, *(of_source(messages, source) for messages in every[1:])]
     others = sum((messages_of_others(messages, source) for messages in every), Counter[str]())
@@ -102,17 +104,17 @@ def of_source(messages: Messages, source: Source) -> Messages:
             lambda origin: origin.joint == source.joint and (origin.header.run in (source.run, ''))
         )
     messages = messages.from_origins(lambda one: one.joint == source.joint and not one.header.run)
-    # a controller may be in another namespace than its plant, where there is none in this one
+    # if the plant's namespace has no controller, one in another namespace may answer
     near = messages.from_origins(lambda origin: origin.namespace == source.namespace)
     return near if len(near.rows) else messages
 
 
 def span_of(states: Messages, every: Messages, source: Source, is_ours: bool) -> tuple[int, int]:
     """
-    Return the times [ns] from which on, and before which, a run was recorded.
+    Return the half-open interval of publish times [ns] of a run.
 
-    That of a foreign plant is the longest part in which its time does not go back. That of ours
-    ends with the states of another one.
+    A run of a foreign plant is the longest part in which time does not go back. A run of our
+    plants ends where states of another run begin.
     """
     first, last = np.iinfo(np.int64).min, np.iinfo(np.int64).max
     if is_ours or not len(states.rows):
@@ -147,9 +149,9 @@ def messages_of_others(messages: Messages, source: Source) -> Counter[str]:
 
 
 def acting_commands(commands: Messages, states: Messages) -> Messages:
-    """Return the commands that count, one a stamp: most often they are all there are."""
+    """Return the commands that count, one per stamp: usually all of them."""
     run = states.origins[states.origin[0]].header.run if len(states.rows) else ''
-    # what does not say that it is for our run, and the plant has not taken, may be for another
+    # commands that neither name our run nor were accepted by the plant may be for another run
     is_strange = commands.per_message(lambda origin: origin.header.run != run) > 0
     if not run or not (is_strange.any() or (np.diff(commands.stamps) <= 0).any()):
         return commands.in_order()
@@ -161,7 +163,7 @@ def acting_commands(commands: Messages, states: Messages) -> Messages:
 
 
 def events_of(impulses: Messages, commands: Messages) -> Messages:
-    """Return the events, one a stamp, that are not of another author than the command."""
+    """Return the events, one per stamp, without those by other authors than the command."""
     author, of_command = controllers(impulses, commands)
     at = np.searchsorted(commands.stamps, impulses.stamps)
     answers = np.append(commands.stamps, 0)[at] == impulses.stamps
@@ -169,14 +171,14 @@ def events_of(impulses: Messages, commands: Messages) -> Messages:
 
 
 def controllers(*series: Messages) -> list[np.ndarray]:
-    """Return the number of its controller for each message, the same numbers in all series."""
+    """Return the number of each message's controller, the same numbers in all series."""
     names = {origin.node_id for messages in series for origin in messages.origins}
     numbers = {name: number for number, name in enumerate(names)}
     return [messages.per_message(lambda origin: numbers[origin.node_id]) for messages in series]
 
 
 def state_before(states: Messages, sent: np.ndarray) -> np.ndarray:
-    """Return the stamp of the state that was sent last before each time ``sent`` [ns], or 0."""
+    """Return the stamp of the last state sent up to each time ``sent`` [ns], or 0."""
     order = np.argsort(states.sent, kind='stable')
     stamps = np.append(0, states.stamps[order])
     return stamps[np.searchsorted(states.sent[order], sent, 'right')]
@@ -186,10 +188,10 @@ def damping_of(
     run: OneRun, found: Mapping[str, Sequence[np.ndarray]], is_ours: bool
 ) -> np.ndarray:
     """
-    Return the damping of a run, of what was ``found`` by namespace: shape (n,), dtype DAMPING.
+    Return the damping of a run from that ``found`` by namespace: shape (n,), dtype DAMPING.
 
-    In a bag of our recorder (``is_ours``) the publish times are those of the states. Other
-    recorders know only when a message was sent: after the state that it belongs to.
+    In a bag of our recorder (``is_ours``), publish times equal the stamps of the states. Other
+    recorders store only when a message was sent, which is after the state that it belongs to.
     """
     near = found.get(run.source.namespace) or [rows for parts in found.values() for rows in parts]
     rows = np.concatenate([np.zeros(0, DAMPING), *near])

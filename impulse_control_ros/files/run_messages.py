@@ -1,7 +1,7 @@
 """
-The messages of a run from its samples, in the order and to the bytes that our nodes publish.
+Build the messages of a run from its samples, with the order and bytes that our nodes publish.
 
-They are made in bulk: rows of bytes for each layout that occurs, and each row put at its place.
+Messages are built in bulk: as rows of bytes per layout, which are then copied into place.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from impulse_control_ros.files.topics import (
     JOINT_STATES,
 )
 
-ORDER = (JOINT_STATES, IMPULSE_EVENTS, JOINT_COMMANDS, DAMPING)  # of the messages of a sample
+ORDER = (JOINT_STATES, IMPULSE_EVENTS, JOINT_COMMANDS, DAMPING)  # of the messages in a sample
 STATES, EVENTS, COMMANDS, DAMPINGS = range(4)
 
 
@@ -45,16 +45,16 @@ class Rows(NamedTuple):
     def of(
         cls, topic: int, which: np.ndarray, layout: JointStateLayout, values: Iterable[np.ndarray]
     ) -> 'Rows':
-        """Return the messages of ``which`` samples, from the ``values`` of all."""
+        """Return the messages of ``which`` samples, given the ``values`` of all samples."""
         chosen = [value[which] for value in values]
         return cls(topic, which, encode_rows(layout.message, layout.dtype, chosen, ROOM))
 
 
 def placed(rows: Sequence[Rows], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the bytes of the messages of ``count`` samples in order, and where each begins.
+    Return the bytes of the messages of ``count`` samples in order, their offsets and sizes.
 
-    The latter has shape (count, topics), and so have the sizes, 0 for no message.
+    Offsets and sizes have shape (count, topics); the size is 0 where there is no message.
     """
     size = np.zeros((count, len(ORDER)), np.int64)
     for topic, which, content in rows:
@@ -70,10 +70,10 @@ def placed(rows: Sequence[Rows], count: int) -> tuple[np.ndarray, np.ndarray, np
 
 class RunMessages:
     """
-    The messages of a run that one controller answers from its first state on.
+    Builds the messages of a run that one controller answers from the first state on.
 
-    ``header`` is that of its states behind the first. ``channels`` are those of the topics;
-    damping, if it is among them, has a message every ``damping_every`` samples, 0 for none.
+    ``header`` is the header of all states after the first. ``channels`` maps topics to channels;
+    if damping is among them, it has a message every ``damping_every`` samples, 0 for none.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class RunMessages:
         self._commands = [JointStateLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
 
     def block(self, states: np.ndarray, answers: np.ndarray) -> Block:
-        """Return the messages of samples: states as measured, dtype STATE, and their ANSWERs."""
+        """Return the messages of samples: measured ``states``, dtype STATE, and ``answers``."""
         stamp = self._start_ns + states['tick'] * self._step_ns
         time = np.divmod(stamp, SECOND)
         rows = [

@@ -18,11 +18,11 @@ DEFAULT_JOINT = 'axis'
 
 class Change(NamedTuple):
     """
-    Parameters of the node ``node_id`` that act from the state of ``stamp`` [ns] on.
+    Parameters of the node ``node_id`` that apply from the state of ``stamp`` [ns] on.
 
-    A controller answers this state with them, and a plant steps on from it. ``values`` are all
-    of the node by name, and ``changed`` those that were set then. The message was ``logged`` [ns]
-    in a ``namespace``, and is of a ``run``, '' beside a foreign plant.
+    A controller answers this state with these parameters, and a plant steps on from this state.
+    ``values`` has all parameters of the node by name, ``changed`` only those that were just set.
+    The message was ``logged`` [ns] in a ``namespace``; its ``run`` is '' with a foreign plant.
     """
 
     stamp: int
@@ -40,28 +40,28 @@ class Change(NamedTuple):
 
     @property
     def is_plant(self) -> bool:
-        """Whether it is a plant: a controller has an id."""
+        """Whether the node is a plant; only controllers have an id."""
         return self.node == self.node_id
 
     @property
     def anew(self) -> bool:
-        """Whether the node begins to act: a controller with an empty memory."""
+        """Whether the node becomes active; a controller then has an empty memory."""
         return not self.changed
 
 
 class RunParameters:
-    """What all nodes of a bag tell of their parameters."""
+    """The parameters that all nodes of a bag have published."""
 
     def __init__(self) -> None:
-        self._joints: dict[bool, str] = {}  # of the first node in a run of ours, and beside none
-        self._changes: dict[bytes, Change] = {}  # once each, however often it came
+        self._joints: dict[bool, str] = {}  # of the first node without a run (True) or with one
+        self._changes: dict[bytes, Change] = {}  # each message once, however often it arrived
         self._decoders = DecoderFactory()
 
     def add(self, column: Column, namespace: str, schema: Schema | None) -> None:
-        """Take the events of a column; raises ValueError for what are none."""
+        """Add the events of a column; raises ValueError if they cannot be decoded."""
         try:
             self._add(column, namespace, schema)
-        except Exception as error:  # the library makes code of the schema: it raises anything
+        except Exception as error:  # the library compiles the schema and may raise anything
             raise ValueError(
                 f'{column.topic} cannot be decoded: {" ".join(str(error).split())}'
             ) from error
@@ -83,11 +83,11 @@ class RunParameters:
 
     @property
     def joint(self) -> str:
-        """The joint to look for among several: our plants have one alone."""
+        """The joint to look for among several; our plants have only one."""
         return self._joints.get(True, self._joints.get(False, DEFAULT_JOINT))
 
     def changes(self, run: str, namespace: str) -> list[Change]:
-        """Return those of a run, by their stamps; of a foreign plant those in its namespace."""
+        """Return the changes of a run, by stamp; for a foreign plant, those in its namespace."""
         changes = [one for one in self._changes.values() if one.run == run]
         near = [one for one in changes if one.namespace == namespace]
         return sorted(
@@ -97,10 +97,10 @@ class RunParameters:
 
 def acting(changes: Sequence[Change], commands: Messages) -> list[Change]:
     """
-    Return the ``changes`` without those of controllers that did not act then.
+    Return the ``changes`` except those of controllers that were not active at the time.
 
-    Several may tell their parameters for a state, but one becomes the active controller: the
-    author of the next of the ``commands``, which are in order.
+    Several controllers may publish their parameters for a state, but only one becomes active: the
+    author of the next one of the ``commands``, which are in order.
     """
     at = np.searchsorted(commands.stamps, [change.stamp for change in changes])
     return [

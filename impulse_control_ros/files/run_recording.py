@@ -1,4 +1,4 @@
-"""The recording of one run: its joiner, and its bag from the first sample on."""
+"""Record one run: its sample joiner, and its bag from the first sample on."""
 
 from collections.abc import Callable, Sequence
 from time import monotonic
@@ -9,7 +9,7 @@ from impulse_control_ros.files.bag import BagWriter, describe_run, Topic
 from impulse_control_ros.files.sample_joiner import RecordedPlant, SampleJoiner
 
 # s to wait for a missing message: DDS resends it within 3 s if its author is alive; a replaced
-# author is dead, or its message would come too late
+# author is dead, or its message comes too late
 GIVE_UP, GIVE_UP_REPLACED = 5.0, 1.0
 
 
@@ -17,8 +17,8 @@ class RunRecording:
     """
     Records the run of ``plant`` into the bag that ``make_bag`` creates.
 
-    ``run`` is its id. ``bag`` is None until a state and a command have arrived. ``described``
-    returns the topics from a given number on.
+    ``run`` is the id of the run. ``bag`` is None until a state and a command have arrived.
+    ``described`` returns the topics from a given number on.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class RunRecording:
         return self._quiet.seconds > RUN_TIMEOUT
 
     def finish(self) -> str:
-        """Finish the bag with everything received; returns a summary, '' without a bag."""
+        """Finish the bag with everything received; return a summary, '' without a bag."""
         self.write(everything=True)
         if self.bag is None:
             return ''

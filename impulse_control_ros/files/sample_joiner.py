@@ -1,14 +1,15 @@
 """
-The joiner of a recording: joins one run's messages of several topics, sample by sample.
+Join the messages of one run on several topics, sample by sample.
 
-A sample is complete when it has its state, the command that answers it, and the event that this
-command announces. It is released once the next state has arrived, which names the author of the
-command that counts. Within a sample the order is: parameters, state, event, command, and then
+A sample is complete when it has its state, the command that answers the state, and the event that
+the command announces. It is released once the next state has arrived, which names the author of
+the accepted command. Within a sample the order is: parameters, state, event, command, and then
 unstamped messages, such as ``damping``, which follow the last state published before them.
 
 The joiner waits for a missing message until its author has sent a later one, or until `give_up`;
 the message then counts as missing. Duplicates count as repeated. Messages of another run or of a
-foreign peer (core/protocol.py) count as foreign; the former are left out, the latter kept.
+foreign peer (core/protocol.py) count as foreign; those of another run are left out, those of
+foreign peers kept.
 """
 
 from collections import deque
@@ -68,14 +69,14 @@ class SampleJoiner:
     # -- input --------------------------------------------------------------------------
 
     def add(self, channel: int, raw: bytes, time: int) -> None:
-        """Take a message that was published at ``time`` [ns]."""
+        """Add a message that was published at ``time`` [ns]."""
         if channel == STATES:
             self._add_state(raw, time)
         elif channel in self._answers:
             why_not, stamp = self._answers[channel].add(raw, self._done)
             if why_not == 'other_clock':
                 self._unstamped.add(time, channel, raw)
-            elif why_not == 'unstamped':  # goes behind the last one with a stamp
+            elif why_not == 'unstamped':  # follows the author's last one with a stamp
                 self._loose.append((stamp, channel, raw))
             elif why_not:
                 self.counts[why_not] += 1
@@ -114,7 +115,7 @@ class SampleJoiner:
 
     @property
     def in_flight(self) -> bool:
-        """Whether more samples than the newest one are incomplete."""
+        """Whether samples before the newest one are incomplete."""
         return self.newest > self.reached + self.plant.step_ns
 
     @property
@@ -128,7 +129,7 @@ class SampleJoiner:
         return self.is_blocked and self._answers[COMMANDS].is_replaced(self._states[1][1])
 
     def forget_early_states(self) -> None:
-        """Keep only the newest states: a plant may run for long without a controller."""
+        """Keep only the newest states, since a plant may run for long without a controller."""
         while len(self._states) > WINDOW:
             self._states.popleft()
 
@@ -177,7 +178,7 @@ class SampleJoiner:
             self._loose += [(early, channel, raw) for early, raw in others]
 
     def _sample(self, stamp: int, named: str) -> tuple[Answer | None, Answer | None, bool]:
-        """Return command and event of a state, and whether to wait for one of them."""
+        """Return the command and event of a state, and whether to wait for either."""
         command, is_lost = self._answers[COMMANDS].find(stamp, named)
         if command is None:
             needed = self.plant.lockstep or (named != FOREIGN and (named != '' or self._answered))

@@ -44,8 +44,8 @@ class AnswerQueue:
     """
     The commands or the events of a run that wait for their states.
 
-    ``waiting`` has them by their stamps [ns]; ``begun`` tells whether one has arrived. A
-    free-running plant of ours, ``is_free``, takes those of foreign peers with any stamp.
+    ``waiting`` holds the answers by stamp [ns]; ``begun`` is true once one has arrived. One of our
+    free-running plants (``is_free``) accepts answers of foreign peers with any stamp.
     """
 
     def __init__(self, run: str, is_free: bool) -> None:
@@ -57,10 +57,10 @@ class AnswerQueue:
 
     def add(self, raw: bytes, done: int) -> tuple[str, int]:
         """
-        Take a message; states up to the stamp ``done`` have been released.
+        Add a message; states up to the stamp ``done`` have been released.
 
-        Returns why it is not kept ('' if it is) and its stamp, or its author's latest stamp if it
-        has none. It is of an 'other_clock' if its stamp is not that of a state.
+        Returns why the message is not kept ('' if it is) and its stamp, or its author's latest
+        stamp if it has none. The reason is 'other_clock' if the stamp does not come from a state.
         """
         sender, stamp = self._read(raw)
         author = sender.author
@@ -97,16 +97,16 @@ class AnswerQueue:
         self._latest[author] = stamp + 1
 
     def is_replaced(self, author: str) -> bool:
-        """Tell whether the latest answer is by another author."""
+        """Return whether the latest answer is by another author."""
         return max(self._latest, key=lambda one: self._latest[one], default=author) != author
 
     def drop(self, stamp: int) -> int:
-        """Drop the answers to the state of a stamp; returns how many others than one it had."""
+        """Drop the answers to the state of a stamp; return how many exceeded one."""
         found = self.waiting.pop(stamp, None)
         return len(found) - 1 if found else 0
 
     def pop_others(self, stamp: int) -> list[tuple[int, bytes]]:
-        """Drop the answers up to a stamp; returns them with theirs: no state has it."""
+        """Drop the answers up to a stamp, which match no state; return them with their stamps."""
         if not self.waiting or next(iter(self.waiting)) > stamp:
             return []
         return [
@@ -124,17 +124,17 @@ class UnstampedQueue:
         self._states: list[tuple[int, int]] = []  # time, stamp
 
     def add_state(self, time: int, stamp: int) -> None:
-        """Note the publish time [ns] of a state."""
+        """Record the publish time [ns] of a state."""
         self._states.append((time, stamp))
         if len(self._states) > 2 * KEPT:
             del self._states[:-KEPT]
 
     def add(self, time: int, channel: int, raw: bytes) -> None:
-        """Take a message that was published at ``time`` [ns]."""
+        """Add a message that was published at ``time`` [ns]."""
         self._waiting.append((time, channel, raw))
 
     def placed(self, everything: bool) -> list[Entry]:
-        """Return messages before the newest state, or ``everything``, with their place."""
+        """Return messages before the newest state, or ``everything``, by the state before each."""
         states, waiting, self._waiting = self._states, self._waiting, []
         found = []
         for time, channel, raw in waiting:

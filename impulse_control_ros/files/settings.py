@@ -1,4 +1,4 @@
-"""What the controller of a recording was set to: the one place that x_r(t) comes from."""
+"""The controller settings of a recording; x_r(t) comes only from here."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ NO_GAINS = {'x_r': 0.0, 'K': 0.0, 'D': 0.0, 'effort_limit': 0.0}
 
 
 class Setting(NamedTuple):
-    """Parameters of the controller, those of `NO_GAINS`, that act from the state ``first`` on."""
+    """Controller parameters, named as in `NO_GAINS`, that apply from the state ``first`` on."""
 
     first: int
     values: Mapping[str, float]
@@ -19,9 +19,10 @@ class Setting(NamedTuple):
 
 def settings_of(stamps: np.ndarray, controllers: Sequence[Change]) -> list[Setting]:
     """
-    Return what the ``controllers`` were set to at the states of ``stamps`` [ns].
+    Return the settings of the ``controllers`` at the states of ``stamps`` [ns].
 
-    Empty where none of them tells a set-point; the first one has had it all along.
+    The list is empty if none of them publishes a set-point. The first setting applies from the
+    first state on.
     """
     told = [change for change in controllers if 'x_r' in change.values]
     firsts = np.searchsorted(stamps, [change.stamp for change in told])
@@ -35,5 +36,5 @@ def settings_of(stamps: np.ndarray, controllers: Sequence[Change]) -> list[Setti
 def spans(settings: Sequence[Setting], count: int) -> Iterator[tuple[slice, Mapping[str, float]]]:
     """Yield each setting with its span of ``count`` states."""
     ends = [*(setting.first for setting in settings[1:]), count]
-    for setting, end in zip(settings, ends, strict=False):  # no setting has no span
+    for setting, end in zip(settings, ends, strict=False):  # without settings there are no spans
         yield slice(setting.first, end), setting.values

@@ -1,5 +1,5 @@
 """
-A study's YAML file, and what makes two studies the same.
+The YAML file of a study, and the identity of a study.
 
     experiment: ../config/coulomb.yaml      an experiment, beside the study or installed, or a
                                             list of files, of which later ones count
@@ -39,8 +39,8 @@ def read_study(path: str | Path) -> SweepConfig:
     """
     Read a study.
 
-    Raises `ParameterError` when it or its experiment cannot be read or asks for what may not be;
-    the message names the file, the thing, its value and what is allowed.
+    Raises `ParameterError` if the study or its experiment cannot be read or is invalid; the
+    message names the file, the key, its value and what is allowed.
     """
     content = read_mapping(path, KEYS)
     try:
@@ -64,7 +64,7 @@ def read_study(path: str | Path) -> SweepConfig:
 
 
 def experiment_files(study: str | Path, given: Any) -> list[Path]:
-    """Return the files of the experiment, of which one need not be in a list; or raise."""
+    """Return the files of the experiment, given as one name or a list; or raise."""
     names = given if isinstance(given, list) and given else [given]
     if not all(type(name) is str for name in names):
         raise refusal('experiment', given, 'a parameter file, or a list of them')
@@ -72,7 +72,7 @@ def experiment_files(study: str | Path, given: Any) -> list[Path]:
 
 
 def experiment_file(study: str | Path, name: str) -> Path:
-    """Return a parameter file: relative to the study, or else one of ours; or raise."""
+    """Return a parameter file: relative to the study, or a shipped one; or raise."""
     place = Path(study).parent / name
     if place.is_file():
         return place
@@ -83,7 +83,7 @@ def experiment_file(study: str | Path, name: str) -> Path:
 
 
 def part(kind: type[KIND], whole: Parameters) -> KIND:
-    """Return of a node's parameters those that its run depends on."""
+    """Return the parameters of a node that affect its run."""
     names = kind().flat()
     return build(kind, {name: value for name, value in whole.flat().items() if name in names})
 
@@ -108,7 +108,7 @@ def laws_of(given: Any) -> dict[str, Any]:
 
 @lru_cache
 def code_digest() -> str:
-    """Return a digest of the code that a figure depends on: all of core."""
+    """Return a digest of the code that affects figures: all of core."""
     digest = hashlib.sha256()
     for path in sorted(Path(impulse_control_ros.core.__path__[0]).glob('*.py')):
         digest.update(path.name.encode() + b'\0' + path.read_bytes())
@@ -116,7 +116,7 @@ def code_digest() -> str:
 
 
 def identity(study: SweepConfig) -> str:
-    """Return in JSON all that decides the bits of a study's result."""
+    """Return as JSON everything that determines the bits of a study's result."""
     made_by = {'version': __version__, 'code': code_digest()}
     return json.dumps(made_by | described(study))
 

@@ -4,9 +4,9 @@ The folder of a sweep.
     FOLDER/parts/part_0000012.parquet   chunk 12, while the sweep is not finished
     FOLDER/runs.parquet                 all runs, in order; then there are no parts
 
-Each file carries the identity of its study and appears only when it is whole, so a sweep that
-ends anywhere goes on from the chunks that are there. A part that cannot be read whole, checksums
-included, is made again.
+Each file carries the identity of its study and appears only when complete, so an interrupted sweep
+continues from the chunks that exist. A part that cannot be read completely, checksums included, is
+computed again.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,7 +34,7 @@ class SweepFolder:
     """
     The results of one study, by its ``identity``.
 
-    ``units`` has the unit of each column, in their order.
+    ``units`` has the unit of each column, in column order.
     """
 
     def __init__(self, path: Path, identity: str, units: Mapping[str, str]) -> None:
@@ -42,7 +42,7 @@ class SweepFolder:
         self.result, self._parts = path / 'runs.parquet', path / 'parts'
 
     def is_concluded(self) -> bool:
-        """Tell whether the result is there; refuse the folder of another study."""
+        """Return whether the result exists; refuse the folder of another study."""
         if self.path.exists() and not self.path.is_dir():
             raise ParameterError(f'{self.path}: must be a folder')
         if not self.result.exists():
@@ -59,7 +59,7 @@ class SweepFolder:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other sweeps out; a folder in which nothing came to be is removed."""
+        """Lock the folder against other sweeps; remove it if it stays empty."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -78,7 +78,7 @@ class SweepFolder:
             os.close(handle)
 
     def finished(self) -> set[int]:
-        """Return the numbers of the chunks that are there; refuse parts of another study."""
+        """Return the numbers of the finished chunks; refuse parts of another study."""
         found = set()
         for path in self._parts.glob('part_*.parquet'):
             try:
@@ -101,7 +101,7 @@ class SweepFolder:
             pq.write_table(table, path, **OPTIONS)
 
     def conclude(self, chunks: int) -> None:
-        """Make the result of all parts, some rows at a time, and remove the parts."""
+        """Join all parts to the result, some rows at a time, and remove the parts."""
         schema = pq.read_schema(self._part(0))
         with replaced(self.result) as path, pq.ParquetWriter(path, schema, **OPTIONS) as writer:
             waiting: list[pa.Table] = []
@@ -113,11 +113,11 @@ class SweepFolder:
         self.remove_parts()
 
     def remove_parts(self) -> None:
-        """Remove the parts, which a result makes superfluous."""
+        """Remove the parts, which are superfluous once there is a result."""
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def column(self, name: str) -> np.ndarray:
-        """Return a column of the result; raises `SweepError` where it is damaged."""
+        """Return a column of the result; raises `SweepError` if it is damaged."""
         try:
             return np.asarray(
                 pq.read_table(
@@ -146,6 +146,6 @@ class SweepFolder:
 
 
 def read_part(path: Path) -> pa.Table:
-    """Return a part, its checksums verified."""
+    """Return a part after verifying its checksums."""
     with pq.ParquetFile(path, page_checksum_verification=True) as part:
         return part.read(use_threads=False)

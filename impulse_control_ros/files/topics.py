@@ -1,4 +1,4 @@
-"""The topics of a run: names, types, and the quality of service that their writers offer."""
+"""The topics of a run: names, types, and the quality of service offered by their publishers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,13 +25,13 @@ SERIES = {
     RUN_PARAMETERS: PARAMETER_EVENT,
 }
 
-SERIES_DEPTH = 4000  # a joined recorder may be WINDOW states behind: none is overwritten
+SERIES_DEPTH = 4000  # a recorder may be WINDOW states behind; none is overwritten
 SLOW_DEPTH = 100
 FOR_EVER = {'sec': 9223372036, 'nsec': 854775807}
 
 
 def offered(depth: int = SERIES_DEPTH, latched: bool = False) -> Mapping[str, Any]:
-    """Return the nine keys of rosbag2's ``offered_qos_profiles``, version 9, of a writer."""
+    """Return the nine keys of a publisher in rosbag2's ``offered_qos_profiles``, version 9."""
     return {
         'history': 'keep_last',
         'depth': depth,
@@ -46,5 +46,5 @@ def offered(depth: int = SERIES_DEPTH, latched: bool = False) -> Mapping[str, An
 
 
 def offered_on(topic: str) -> Mapping[str, Any]:
-    """Return what our writer of a topic of a run offers."""
+    """Return the quality of service that our publisher of a topic offers."""
     return offered(SLOW_DEPTH, latched=True) if topic == RUN_PARAMETERS else offered()

@@ -1,4 +1,4 @@
-"""YAML as ROS reads it."""
+"""Read YAML with the rules of ROS."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,7 +14,7 @@ class _Loader(yaml.SafeLoader):
     """YAML with the scalars of rcl, where 1e-4 is a number and a date is a string."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping, or raise `YAMLError` for a key that stands twice."""
+        """Return a mapping, or raise `YAMLError` for a duplicate key."""
         seen = set()
         for key, _ in node.value:
             if key.value in seen:
@@ -43,7 +43,7 @@ def parsed(text: str) -> Any:
 
 
 def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Return nested mappings as one with dotted names."""
+    """Flatten nested mappings into one with dotted names."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
@@ -55,9 +55,9 @@ def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     """
-    Return what a YAML file holds: a mapping of ``keys``, which are not checked.
+    Return the mapping in a YAML file; ``keys`` are its allowed keys, for errors only.
 
-    Raises `ParameterError` when the file cannot be read or is no mapping.
+    Raises `ParameterError` if the file cannot be read or is not a mapping.
     """
     try:
         content = parsed(Path(path).read_text())
