@@ -174,7 +174,7 @@ def position_steps(
     """
     Check each position step; the friction ``varies`` in some.
 
-    Where the sensor measures the ``mean`` velocity (nan elsewhere), only that one is checked.
+    Where the sensor measures the ``mean`` velocity (nan elsewhere), only this velocity is checked.
     """
     x, before, change = loop.position, loop.velocity[:-1], np.diff(loop.velocity)
     weights = [

@@ -16,7 +16,7 @@ ROUNDING = 1e-12  # tolerance relative to the terms of an equation
 NEAR = 1e-3  # tolerance of a time step, relative to it
 LEAST = 1e-15  # tolerance relative to the largest value of all samples
 Value = float | str
-# one set for all samples, or one from each key (a first sample) on, beginning with 0
+# one parameter set for all samples, or sets by their first sample, beginning with 0
 Plants = Plant | Mapping[int, Plant]
 Gains = ControlGains | Mapping[int, ControlGains]
 PerSample = Callable[[str], np.ndarray]
@@ -187,8 +187,8 @@ def per_sample(parameters: Parameters | Mapping[int, Parameters], count: int) ->
     """
     Return a function from a parameter's name to its value at each of ``count`` samples.
 
-    ``parameters`` is one set for all samples, or a mapping from the first sample of each set to
-    the set, beginning with 0.
+    ``parameters`` is one set for all samples, or maps the first sample of each set, beginning with
+    0, to the set.
     """
     sets = parameters if isinstance(parameters, Mapping) else {0: parameters}
     lengths = np.diff([*sets, count])

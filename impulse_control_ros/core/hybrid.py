@@ -126,7 +126,7 @@ def jump(guard, gains, m, error, velocity):
 @numba.njit(cache=True)
 def depart(axis, gains, strict, guard, error, velocity, left):
     """
-    Take the jumps of one instant, ``left`` [s] before the end of the duration.
+    Apply the jumps of one instant, ``left`` [s] before the end of the duration.
 
     Returns (velocity after the jumps, direction of the next motion, index in ENDS).
     """

@@ -140,7 +140,7 @@ def name_of(node_id: str) -> str:
 
 
 class Verdict(Enum):
-    """What the plant does with a command."""
+    """The plant's decision on a command."""
 
     ACTS = auto()
     STALE = auto()  # not the expected stamp
@@ -194,7 +194,7 @@ def step_limit(reached: Iterable[int], since: int) -> int:
 
 
 class Reply(Enum):
-    """What a controller does with a state."""
+    """A controller's decision on a state."""
 
     ANSWER = auto()
     ANSWER_AFRESH = auto()  # with an empty memory

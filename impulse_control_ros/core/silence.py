@@ -21,5 +21,5 @@ class Silence:
         return self.seconds
 
     def hear(self) -> None:
-        """Restart at 0 because the peer was heard."""
+        """Restart at 0, when the peer is heard."""
         self.seconds = 0.0

@@ -11,8 +11,8 @@ v_s     v_s      m/s   Stribeck velocity, from which on it is F_c
 ======  =======  ====  =============================================
 
 The friction falls linearly with speed, not exponentially. Below v_s it is therefore Coulomb
-friction F_s with the damping d - (F_s - F_c) / v_s, which may be negative; above v_s the axis is
-that of core/plant.py. Each piece and its end have closed forms: with z = r t, r damping over mass,
+friction F_s with the damping d - (F_s - F_c) / v_s, which may be negative; above v_s the model of
+core/plant.py applies. Each piece and its end have closed forms: with z = r t, r damping over mass,
 and a the acceleration at the start of the piece, v reaches w at t = -log1p(-(w - v) r / a) / r.
 Within a sample the velocity is monotone (its equation is autonomous and of first order), so there
 are at most four pieces: down to v_s, down to the stop, up to v_s, beyond.

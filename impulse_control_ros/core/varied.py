@@ -51,7 +51,7 @@ class Rows(NamedTuple):
     hardware: np.ndarray | None
 
     def part(self, which: slice) -> 'Rows':
-        """Return some of the rows."""
+        """Return a slice of the rows."""
         hardware = None if self.hardware is None else self.hardware[which]
         return Rows(self.plant[which], self.start[which], self.law[which], hardware)
 

@@ -206,7 +206,7 @@ def require_writable(folder: Path) -> None:
     """
     Raise `BagError` if ``folder`` exists or cannot be made, so that no recording is overwritten.
 
-    The folder is made and removed again, since only that proves that it can be made.
+    The folder is made and removed again, the only reliable test.
     """
     missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:

@@ -30,7 +30,7 @@ STATES, EVENTS, COMMANDS, PARAMETERS = range(1, 5)  # channels, as files/topics.
 
 
 class RecordedPlant(NamedTuple):
-    """The plant of a run; ``run`` is '' if foreign, ``lockstep`` tells whether it waits."""
+    """The plant of a run; ``run`` is '' if foreign, ``lockstep`` is true if it waits."""
 
     run: str
     joint: str
@@ -42,7 +42,7 @@ class SampleJoiner:
     """
     Joins the messages of the run of ``plant``.
 
-    ``newest`` is the stamp [ns] of the newest state, ``reached`` that of the last complete
+    ``newest`` is the stamp [ns] of the newest state, ``reached`` the stamp of the last complete
     sample. ``heard`` counts the received states, including duplicates. ``other`` is another run
     that was heard, None if none. ``counts`` has the released states and the missing, repeated and
     foreign messages.
@@ -172,7 +172,7 @@ class SampleJoiner:
         return entries
 
     def _keep_foreign(self, channel: int, stamp: int) -> None:
-        """Drop the answers up to a stamp, except those beside a foreign plant."""
+        """Drop the answers up to a stamp; keep them in the recording of a foreign plant."""
         others = self._answers[channel].pop_others(stamp)
         if not self.plant.run:
             self._loose += [(early, channel, raw) for early, raw in others]

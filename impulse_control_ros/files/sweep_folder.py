@@ -101,7 +101,7 @@ class SweepFolder:
             pq.write_table(table, path, **OPTIONS)
 
     def conclude(self, chunks: int) -> None:
-        """Join all parts to the result, some rows at a time, and remove the parts."""
+        """Join all parts into the result, some rows at a time, and remove the parts."""
         schema = pq.read_schema(self._part(0))
         with replaced(self.result) as path, pq.ParquetWriter(path, schema, **OPTIONS) as writer:
             waiting: list[pa.Table] = []

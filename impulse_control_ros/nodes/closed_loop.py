@@ -1,11 +1,11 @@
 """
-Plant, controller and recorder composed in one process, which call each other directly.
+Plant, controller and recorder in one process, calling each other directly.
 
-Messages are published, and passed directly to the other node. The loop passes states to the
-controller and commands to the plant for SLICE seconds. Between two slices the recorder writes the
-messages passed to it, and the executor serves pending work: parameters, services, setpoint,
-timers, discovery. When nothing moves, the executor waits. A paced sample due within SPIN is
-awaited by busy waiting, because the executor waits 0.1 ms too long.
+Each message is published and also passed directly to the other node. For SLICE seconds, the loop
+passes states to the controller and commands to the plant. Between two slices the recorder writes
+the messages passed to it, and the executor serves pending work: parameters, services, setpoint,
+timers, discovery. When no message is pending, the executor waits. The loop busy-waits for a paced
+sample that is due within SPIN, because the executor waits 0.1 ms too long.
 """
 
 import argparse
@@ -58,7 +58,7 @@ class ClosedLoop:
         return self._controller
 
     def make_recorder(self) -> Recorder:
-        """Make the recorder of everything that the two publish."""
+        """Make the recorder of everything that plant and controller publish."""
         plant, answers = self._plant.outputs, self._controller.answers
         recorder = Recorder(
             outputs={
@@ -79,7 +79,7 @@ class ClosedLoop:
         self._command = raw
 
     def run_slice(self) -> bool:
-        """Run samples for a while; returns whether any was made."""
+        """Run samples for SLICE seconds; return whether any was made."""
         began, end = self._plant.clock.tick, perf_counter() + SLICE
         while perf_counter() < end:
             if not self._run_burst() and (self._plant.poll() > SPIN or self._plant.finished):
@@ -88,7 +88,7 @@ class ClosedLoop:
         return self._plant.clock.tick > began
 
     def _run_burst(self) -> bool:
-        """Pass on BURST messages; returns False once none is pending."""
+        """Pass on up to BURST messages; return False once none is pending."""
         plant, controller = self._plant, self._controller
         for _ in range(BURST):
             if self._state:

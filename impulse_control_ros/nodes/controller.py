@@ -1,12 +1,12 @@
 """
 The controller node: joint_states in, joint_commands and impulse_events out.
 
-core/protocol.py selects the states that it answers. A command carries the stamp of its state; the
-control law takes time from the states, never from a clock. A plant that does not wait for
-commands, with ``lockstep: false`` or foreign, holds the last command. The controller therefore
-commands 0 N when no state arrives for ``state_timeout``, and when it ends. It sends 0 N instead
-of an effort that is not finite or exceeds ``effort_limit``. All three cases clear the memory of
-the guards.
+core/protocol.py selects the states that the controller answers. A command carries the stamp of its
+state; the control law takes time from the states, never from a clock. A plant that does not wait
+for commands (foreign, or with ``lockstep: false``) holds the last command. The controller
+therefore commands 0 N when no state arrives for ``state_timeout``, and when it ends. It also sends
+0 N instead of an effort that is not finite or exceeds ``effort_limit``. All three cases clear the
+memory of the guards.
 """
 
 import math
@@ -42,7 +42,7 @@ INF = math.inf
 
 
 class Controller(ManagedNode):
-    """Answers joint states by the control law; if ``composed``, it takes none from DDS."""
+    """Answers joint states by the control law; if ``composed``, it reads none from DDS."""
 
     def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('controller', ControllerParameters, **options)
@@ -75,7 +75,7 @@ class Controller(ManagedNode):
     # -- the sample -------------------------------------------------------------------------
 
     def on_state(self, raw: bytes) -> None:
-        """Take one joint state, given as CDR."""
+        """Handle one joint state, given as CDR."""
         if not self.active:
             return
         try:
@@ -110,7 +110,7 @@ class Controller(ManagedNode):
             raise UnreadableError(f'position {position}, velocity {velocity}')
 
     def _is_to_answer(self, header: StateHeader, stamp: int, raw: bytes) -> bool:
-        """Tell whether a state needs a new answer; a republished one is answered here."""
+        """Return whether a state needs a new answer; republished states are answered here."""
         if header.run and header.run not in self.plants:
             return False  # republished until the plant's parameters have arrived
         if not header.run and not stamp:
@@ -167,7 +167,7 @@ class Controller(ManagedNode):
         """Handle a state that needs no new answer."""
         if reply is Reply.REPEAT:
             self._report.counts['repeated'] += 1
-            # a free-running plant of ours repeats its state for new peers only
+            # one of our free-running plants repeats its state only for new peers
             if not (header.run and self.plants.run_freely(header.run)):
                 self.answers.repeat()
         elif reply is Reply.STAND_BY:

@@ -15,8 +15,8 @@ class Diagnostics:
     """
     Publishes what ``report`` returns: a level, a sentence, and values by name.
 
-    ``progress`` returns (steps, simulated seconds) so far; their rates per second of wall time
-    are added. The timer uses the steady clock, so simulated time does not stop it.
+    ``progress`` returns (steps, simulated seconds) so far; `Diagnostics` adds their rates per
+    second of wall time. The timer uses the steady clock, so simulated time does not stop it.
     """
 
     def __init__(

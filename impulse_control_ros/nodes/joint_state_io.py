@@ -22,7 +22,7 @@ def decode_any(
     raw: bytes, joint: str, fields: Sequence[str], optional: Sequence[str] = ()
 ) -> tuple[Any, ...]:
     """
-    Decode any JointState: of several joints, in another byte order, with any frame_id.
+    Decode any JointState, with several joints, another byte order, or any frame_id.
 
     Returns (frame_id, sec, nanosec, *values of ``fields`` and ``optional`` for ``joint``), nan
     for an empty optional field; raises `UnreadableError`.
@@ -51,7 +51,7 @@ class JointStateReader:
     """
     Reads ``fields`` and ``optional`` of ``joint``, and the frame_id by ``parse``.
 
-    A message with a known frame_id and layout is read by that layout, 30 times as fast.
+    Messages with a known frame_id and layout are read by that layout, 30 times as fast.
     """
 
     def __init__(
@@ -67,13 +67,13 @@ class JointStateReader:
         self._recent: Known = None, lambda raw: None, tuple
 
     def read(self, raw: bytes) -> tuple[Any, tuple[Any, ...]]:
-        """Return header and (sec, nanosec, *values), nan for a missing optional one."""
+        """Return header and (sec, nanosec, *values); a missing optional value is nan."""
         header, decode, pick = self._recent
         values = decode(raw)
         return (header, pick(values)) if values is not None else self._read_other(raw)
 
     def _read_other(self, raw: bytes) -> tuple[Any, tuple[Any, ...]]:
-        """Read a message with another layout than the last; may raise `UnreadableError`."""
+        """Read a message whose layout differs from the last one; may raise `UnreadableError`."""
         size = raw[FRAME_ID_AT] if len(raw) > FRAME_ID_AT else 0
         key = raw[FRAME_ID_AT : FRAME_ID_AT + 4 + size]
         known = self._known.get(key)

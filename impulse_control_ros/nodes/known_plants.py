@@ -30,7 +30,7 @@ class KnownPlants:
         self._adopted = ''
 
     def on_event(self, raw: bytes) -> None:
-        """Take an event on run_parameters, as CDR."""
+        """Handle an event on run_parameters, given as CDR."""
         *_, node, values, _ = decoded(raw)
         run, name = parse_node(node)
         if run and name == name_of(name):  # a controller has an id
@@ -43,11 +43,11 @@ class KnownPlants:
         return run in self._values
 
     def run_freely(self, run: str | None) -> bool:
-        """Tell whether the plant of a run does not wait for commands."""
+        """Return whether the plant of a run does not wait for commands."""
         return not self._values.get(run or '', {}).get('lockstep', False)
 
     def adopt(self, run: str, gains: ControllerParameters) -> None:
-        """Log which plant was found; raises `ParameterError` if the parameters disagree."""
+        """Log which plant was found; raise `ParameterError` if the parameters disagree."""
         values = self._values.get(run, {})
         name = values.get(NAME, 'a foreign plant: assuming our joint_name and time_step')
         require_agreement(name, values, gains.flat())

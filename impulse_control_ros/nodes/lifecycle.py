@@ -15,14 +15,14 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
     """
     A `ParameterNode` that is a lifecycle node once `manage` is called.
 
-    ``active`` tells whether it may act; a node that is not managed always may. Subclasses react
-    in `activated` and `deactivated`. The transition to finalized ends the node.
+    ``active`` is true while the node may act, which is always so for an unmanaged node. Subclasses
+    react in `activated` and `deactivated`. The transition to finalized ends the node.
     """
 
     active = True
 
     def manage(self) -> None:
-        """Begin as unconfigured, and offer the services of a lifecycle node."""
+        """Start unconfigured, and offer the services of a lifecycle node."""
         self.active = False
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
@@ -31,7 +31,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
     def _change_or_refuse(
         self, change: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
-        """Change the state; an invalid change would end the node of rclpy 7."""
+        """Change the state; refuse invalid transitions, which would end the node in rclpy 7."""
         try:
             return change(request, response)
         except _rclpy.RCLError as error:

@@ -1,8 +1,8 @@
 """
 ROS parameters from the parameter classes: declared, described and validated in one place.
 
-rclpy checks type and range before any callback, with reasons that do not give the value. Here the
-whole set is therefore checked first, and only a valid set is passed to rclpy. The post-set
+rclpy checks type and range before any callback, and its reasons do not state the value. This
+module therefore checks the whole set first and passes only a valid set to rclpy. The post-set
 callback applies it as one new immutable value.
 """
 
@@ -34,7 +34,7 @@ TYPES = {
 
 
 def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
-    """Return what `ros2 param describe` shows."""
+    """Return the descriptor that `ros2 param describe` shows."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     made = ParameterDescriptor(
         type=TYPES[type(default)].value,
@@ -57,9 +57,9 @@ class ParameterNode(Node):
     """
     A node with the parameters of one class; ``self.parameters`` has their current values.
 
-    The constructor raises `ParameterError` for an override that is unknown, of a wrong type or
-    out of bounds. Subclasses react to a new set in `parameters_changed`. ``finished`` tells that
-    the node has nothing more to do, and ``failure`` is the reason if it failed.
+    The constructor raises `ParameterError` for an override that is unknown, of a wrong type or out
+    of bounds. Subclasses react to a new set in `parameters_changed`. ``finished`` is true once the
+    node has nothing more to do; ``failure`` is the reason if it failed.
     """
 
     finished = False
@@ -81,7 +81,7 @@ class ParameterNode(Node):
         self.failure, self.finished = reason, True
 
     def _declare(self) -> Any:
-        # these are the values that rcl gives, but the errors name the file
+        # the values are those of rcl, but these errors name the file
         merged(command_line_sections(sys.argv), self.get_fully_qualified_name(), self._kind)
         others = NAMES - names_of(self._kind)  # /** is for all nodes
         # rclpy does not declare an empty list override, which has no type
@@ -132,7 +132,7 @@ class ParameterNode(Node):
         """React to the new ``self.parameters``; ``changed`` has the values that differ."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all or none; an integer given for a float is taken as a float."""
+        """Set all parameters or none; an integer given for a float becomes a float."""
         try:
             merged = self._merged(parameter_list).flat()
         except ParameterError as error:

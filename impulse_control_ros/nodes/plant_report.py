@@ -24,14 +24,14 @@ class PlantReport:
         Diagnostics(plant, self._progress, self._report)
 
     def begin(self, now: float) -> None:
-        """Note and log the first state."""
+        """Record and log the first state."""
         self._began = self._moving_since = now
         self._plant.get_logger().info(
             f'running from {self._plant.clock.seconds()} s (run {self._plant.run})'
         )
 
     def waiting_for(self, what: str, now: float) -> None:
-        """Log from time to time who is missing."""
+        """Log ``what`` the plant is waiting for, every REPORT seconds."""
         if what != self._waiting:
             self._waiting, self._said_at = what, now - REPORT + FIRST_REPORT
         elif now >= self._said_at + REPORT:

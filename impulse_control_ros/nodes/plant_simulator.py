@@ -1,12 +1,12 @@
 """
-The plant simulator node: the axis in simulated time, closed over topics.
+The plant simulator node: the axis in simulated time, controlled over topics.
 
 Lockstep (the default): the plant publishes state k, and makes sample k + 1 only after the command
-with the stamp of state k; a run thus depends only on its parameters. Four things can hold the
-next sample, in this order: the command, a slow recorder, a pause, and the real time factor. Free
-running: samples are made by the wall clock, with the last command held. A state that is not
-followed by the next one is republished, so a lost message costs little and joining peers see it.
-core/protocol.py has the rules.
+with the stamp of state k, so a run depends only on its parameters. Four things can hold the next
+sample, in this order: a missing command, a slow recorder, a pause, and the real time factor. Free
+running: the plant makes samples by the wall clock and holds the last command. A state is
+republished while the next one is held, so a lost message costs little and joining peers see the
+state. core/protocol.py has the rules.
 """
 
 import math
@@ -49,7 +49,7 @@ HEARTBEAT = 0.25  # s between repeats of a state held only by the wall clock or 
 
 
 class PlantSimulator(ParameterNode):
-    """Publishes the axis' state at every sample; if ``composed``, takes no command from DDS."""
+    """Publishes the state at every sample; if ``composed``, it does not read commands from DDS."""
 
     def __init__(self, composed: bool = False, **options: Any) -> None:
         super().__init__('plant_simulator', PlantParameters, **options)
@@ -134,7 +134,7 @@ class PlantSimulator(ParameterNode):
         self.outputs.send_beside(tick, stamp, damping)
 
     def on_command(self, raw: bytes) -> None:
-        """Take one joint command, given as CDR."""
+        """Handle one joint command, given as CDR."""
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
@@ -153,7 +153,7 @@ class PlantSimulator(ParameterNode):
             self._proceed()
 
     def on_progress(self, raw: bytes) -> None:
-        """Take the progress of a recorder, given as CDR."""
+        """Handle the progress of a recorder, given as CDR."""
         stamp_ns, frame_id = read_header(raw)
         run, recorder = parse_node(frame_id.decode(errors='replace'))
         news = (
@@ -180,7 +180,7 @@ class PlantSimulator(ParameterNode):
             self._step()
 
     def poll(self) -> float:
-        """Do what is due by the wall clock: start, pace, republish."""
+        """Start, pace and republish on the wall clock; return the seconds to the next call."""
         now, tick = monotonic(), self.clock.tick
         if self.arbiter.awaiting and now < self._published_at + SOON:
             return SOON

@@ -116,7 +116,7 @@ class Player(ParameterNode):
         return response
 
     def poll(self) -> float:
-        """Publish what is due; returns the wall time until the next message."""
+        """Publish the messages that are due; return the wall time until the next one."""
         if self._paused:
             return IDLE
         now = self._now()

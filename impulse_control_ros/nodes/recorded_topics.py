@@ -18,7 +18,7 @@ from impulse_control_ros.nodes.topics import (
     writer_qos,
 )
 
-Taken = tuple[int, bytes, int]  # channel, message, time [ns] at which it was published
+Taken = tuple[int, bytes, int]  # channel, message, publish time [ns]
 
 
 class RecordedTopics:
@@ -39,7 +39,7 @@ class RecordedTopics:
         self._wanted = {node.resolve_topic_name(topic) for topic in wanted}
         for topic, kind in SERIES.items():
             self._add(topic, kind, outputs.get(topic, ()), writer_qos(topic))
-        if node.resolve_topic_name(DAMPING) in self._wanted:  # no need to wait for its plant
+        if node.resolve_topic_name(DAMPING) in self._wanted:  # its type is known
             self._add(DAMPING, FLOAT64, outputs.get(DAMPING, ()), writer_qos(DAMPING))
         self._in_process = len(self._kinds) if outputs else 0
 

@@ -62,7 +62,7 @@ class Recorder(ParameterNode):
         self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before a run is known
         self._bags = 0
         self._batch_at = 0.0
-        # on the steady clock: simulated time may stand still
+        # on the steady clock, since simulated time may stop
         self.create_timer(
             WATCH_PERIOD, self._topics.find_wanted, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -71,7 +71,7 @@ class Recorder(ParameterNode):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Yield those for an executor; it would drop the publish times of the polled ones."""
+        """The subscriptions except the polled ones, whose times an executor would drop."""
         polled = self._topics.polled if hasattr(self, '_topics') else ()
         return (item for item in super().subscriptions if item not in polled)
 
@@ -103,7 +103,7 @@ class Recorder(ParameterNode):
                 self._recording.joiner.other = run
 
     def _record(self, run: str) -> None:
-        """Begin to record a run whose parameters are known."""
+        """Start to record a run whose parameters are known."""
         values = self._plants[run]
         plant = RecordedPlant(
             run,
@@ -153,7 +153,7 @@ class Recorder(ParameterNode):
             self._early.append(taken)
 
     def poll(self) -> float:
-        """Write a batch when it is due, and publish the progress of the recording."""
+        """Write a batch if it is due, and publish the progress of the recording."""
         taken, now = self._topics.take(), monotonic()
         for one in taken:
             self._take(one)
@@ -211,7 +211,7 @@ class Recorder(ParameterNode):
 
 
 def describes_plant(values: Mapping[str, Any]) -> bool:
-    """Tell whether parameters have what a recording needs: anybody may use the topic."""
+    """Return whether parameters have what a recording needs, as other nodes may use the topic."""
     return isinstance(values.get('joint_name'), str) and isinstance(values.get('time_step'), float)
 
 

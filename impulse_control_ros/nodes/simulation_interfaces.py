@@ -1,9 +1,9 @@
 """
 The services of the standard simulation_interfaces, if that package is installed.
 
-They complement those of simulation_control.py and make the same requests. They deviate from
-the standard as follows, because simulated time never goes back, and a callback that waited would
-block the lockstep it waits for:
+These services complement simulation_control.py and make the same requests. Simulated time never
+goes back, and a waiting callback would block the lockstep that it waits for. The services
+therefore deviate from the standard:
 
 * step_simulation responds when the steps are requested, not when they are done;
 * reset_simulation resets the state and lets time continue, also for SCOPE_DEFAULT, which the
@@ -25,7 +25,7 @@ ENDING = 'the run is ending'
 def standard_types(logger: Any) -> tuple[Any, Any] | None:
     """Return the messages and services of simulation_interfaces; None if it is missing."""
     try:
-        # The C module too: a package built for another Python must not stop a plant.
+        # import the C module too: a package built for another Python must not stop a plant
         from simulation_interfaces import msg, simulation_interfaces_s__rosidl_typesupport_c, srv
 
         del simulation_interfaces_s__rosidl_typesupport_c
@@ -90,7 +90,7 @@ class SimulationInterfaces:
     def _offer(
         self, kind: str, name: str, act: Callable[[Any, Any], Outcome], *features: str
     ) -> None:
-        """Offer ``act`` on request and response as a service, and list its features."""
+        """Offer ``act(request, response)`` as a service, and list its features."""
         if not hasattr(self._srv, kind):
             return
 

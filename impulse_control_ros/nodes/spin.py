@@ -2,8 +2,8 @@
 Init, spin and shutdown, for every executable.
 
 The EventsExecutor is many times faster than the default one, but its ``spin()`` ignores signals
-and uses a full core, so the loop calls ``spin_once`` with a timeout. Exiting with a live executor
-can crash, so executor, nodes and context are shut down in this order.
+and uses a full core. The loop therefore calls ``spin_once`` with a timeout. Exiting with a live
+executor can crash, so the executor, the nodes and the context are shut down in this order.
 """
 
 import argparse
@@ -52,10 +52,10 @@ def spin(
     """
     Serve the nodes until one is finished or a stop is requested; then close them in order.
 
-    In addition to rclpy's interface, a node has ``finished``; ``failure``, its reason if any;
-    ``poll()``, which does what is due by the wall clock and returns the seconds until the next
-    call; and ``close()``, which flushes what it still holds. ``between`` does other work between
-    the executor's turns, and returns whether it wants the next turn at once.
+    In addition to rclpy's interface, a node has ``finished``; ``failure``, the reason if it
+    failed; ``poll()``, which does the work due on the wall clock and returns the seconds until the
+    next call; and ``close()``, which flushes pending data. ``between`` does other work between the
+    executor's turns, and returns whether it wants the next turn at once.
     """
     executor = make_executor()
     try:
@@ -74,7 +74,7 @@ def spin(
             else:
                 executor.spin_once(timeout_sec=timeout)
     except BaseException:
-        for node in nodes:  # keep what is recorded, whatever went wrong
+        for node in nodes:  # save the recording, whatever went wrong
             with suppress(Exception):
                 node.close()
         raise
@@ -104,11 +104,11 @@ def main(
     between: Callable[[], bool] | None = None,
 ) -> int:
     """
-    Run the nodes of an executable; returns the exit status.
+    Run the nodes of an executable; return the exit status.
 
     ``makers`` returns the factories of the nodes for the parsed options; ``example`` is a
-    parameter for the help. 0: done; 2: invalid arguments or parameters, reported in one line; 1:
-    anything else.
+    parameter for the help. The exit status is 0 on success, 2 for invalid arguments or parameters,
+    reported in one line, and 1 for any other error.
     """
     nodes: list[Any] = []
     try:
@@ -151,7 +151,7 @@ def check_command_line(nodes: Sequence[Any]) -> None:
 
 
 def leave(nodes: Sequence[Any], message: str, status: int) -> int:
-    """Destroy the nodes, shut rclpy down, print the ``message``; returns ``status``."""
+    """Destroy the nodes, shut down rclpy, print the ``message``; return ``status``."""
     for node in reversed(nodes):
         node.destroy_node()
     rclpy.try_shutdown()

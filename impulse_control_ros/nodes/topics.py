@@ -11,7 +11,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_DEPTH
 
-SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample
+SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message per sample
 SLOW_QOS = QoSProfile(depth=SLOW_DEPTH)
 LATCHED_QOS = QoSProfile(depth=SLOW_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # plant and controller resend lost messages; best effort also matches any driver
@@ -37,7 +37,8 @@ class Output:
 
     def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile | None = None) -> None:
         self.publisher = node.create_publisher(kind, topic, qos or writer_qos(topic))
-        # publish() without its checks: these are bytes, and the publisher lives as long as we do
+        # publish() without its checks: the data are bytes, and this object keeps the publisher
+        # alive
         self.send: Callable[[bytes], None] = self.publisher.handle.publish_raw
         self._readers: list[Callable[[bytes], None]] = []
 

@@ -1,11 +1,10 @@
 """
 The transport of a process, and its CPU core.
 
-By default Fast DDS uses shared memory between processes on one machine. When one of them is
-killed, the others can hang forever inside ``publish``, on a lock that it held. They slow down to
-a twentieth of the speed until DDS drops it (20 s), and a replacement process may stay unheard.
-UDP avoids this at the cost of a tenth of the speed of two processes:
-docs/concepts/fault-tolerance.md.
+By default Fast DDS uses shared memory between processes on one machine. If a process is killed,
+the others can hang forever inside ``publish`` on a lock that it held. Otherwise they run at a
+twentieth of the speed until DDS drops the process (20 s), and may not hear its replacement. UDP
+avoids this but makes two processes a tenth slower: docs/concepts/fault-tolerance.md.
 """
 
 from collections.abc import MutableMapping
