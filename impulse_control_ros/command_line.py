@@ -24,10 +24,6 @@ from impulse_control_ros.errors import (
 )
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-RUN_HELP = (
-    'of a bag with several runs, the one with this id or, for a foreign plant, in this '
-    'namespace; the longest one if not given'
-)
 
 
 class StopRequest:
@@ -58,6 +54,53 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
         raise UsageError(f'{message} (see --help)')
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what to read of a bag; `selection` returns their values."""
+    group = parser.add_argument_group('what to read of a bag')
+    group.add_argument(
+        '--run',
+        metavar='RUN',
+        default='',
+        help='of several runs, the one with this number or id; the last one if not given',
+    )
+    group.add_argument(
+        '--namespace', metavar='NS', default='', help='the namespace of the topics of one system'
+    )
+    group.add_argument(
+        '--topic',
+        metavar='TOPIC',
+        dest='selected',
+        action='append',
+        default=[],
+        help='of several topics of joint_states, joint_commands, ..., the one to read; one with '
+        'another name has the states; may be repeated',
+    )
+    group.add_argument(
+        '--joint',
+        metavar='JOINT',
+        default='',
+        help='the joint; that of the parameters in the bag, axis, or the only one if not given',
+    )
+    group.add_argument(
+        '--time',
+        choices=('stamp', 'log'),
+        default='stamp',
+        help='what tells the time of a state: its stamp (default), or when it was recorded',
+    )
+
+
+def selection(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what to read of a bag, as arguments of `read_bag`; only what was given."""
+    given = {
+        'run': options.run,
+        'namespace': options.namespace,
+        'topics': options.selected,
+        'joint': options.joint,
+        'log_time': options.time == 'log',
+    }
+    return {name: value for name, value in given.items() if value}
 
 
 def ended(name: str, why: object, status: int) -> int:

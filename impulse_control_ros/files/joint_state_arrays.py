@@ -49,29 +49,22 @@ Known = tuple[JointStateLayout | None, int]  # a layout and the number of its or
 
 
 class Source(NamedTuple):
-    """The source of states: a ``run``, or a foreign plant (run '') in a ``namespace``."""
+    """Whose states: those of a ``run``, or of a foreign plant, ''."""
 
     run: str
-    namespace: str
     joint: str
-
-    @property
-    def name(self) -> str:
-        """The name by which to choose the source."""
-        return self.run or self.namespace
 
 
 class Origin(NamedTuple):
-    """The origin of messages: the namespace of their topic, their joint, and their header."""
+    """Where messages of a topic come from: their joint, and their header."""
 
-    namespace: str
     joint: str
     header: StateHeader | CommandHeader
 
     @property
     def source(self) -> Source:
-        """The source of the message, if it is a state."""
-        return Source(self.header.run, self.namespace, self.joint)
+        """Whose the message is, if it is a state."""
+        return Source(self.header.run, self.joint)
 
     @property
     def guard(self) -> str:
@@ -89,11 +82,13 @@ class Messages(NamedTuple):
     """
     Messages of a topic, shape (n,).
 
-    ``sent`` is the publish time [ns] of each, ``origin`` the index of its origin in ``origins``.
+    ``sent`` is when each was published [ns], ``place`` where it stands in the bag, ``origin`` the
+    number of its origin in ``origins``.
     """
 
     rows: np.ndarray
     sent: np.ndarray
+    place: np.ndarray
     origin: np.ndarray
     origins: Sequence[Origin]
 
@@ -106,7 +101,9 @@ class Messages(NamedTuple):
         """Return the messages to ``keep``, a mask or a sequence of indices."""
         if keep.dtype == bool and keep.all():
             return self
-        return Messages(self.rows[keep], self.sent[keep], self.origin[keep], self.origins)
+        return Messages(
+            self.rows[keep], self.sent[keep], self.place[keep], self.origin[keep], self.origins
+        )
 
     def counts(self) -> list[tuple[Origin, int]]:
         """Return the number of messages of each origin."""
@@ -131,41 +128,48 @@ class Messages(NamedTuple):
 
 
 class JointStateTable:
-    """The messages of one topic as rows of dtype ``kind``, for ``joint`` if there are several."""
+    """
+    The messages of one topic, as rows of ``kind``; of several joints ``joint``.
+
+    ``joints`` are all that its messages name.
+    """
 
     def __init__(self, kind: np.dtype[Any], joint: str) -> None:
         self._kind, self._joint = kind, joint
         self._rows = [np.zeros(0, kind)]
         self._sent = [np.zeros(0, np.int64)]
+        self._place = [np.zeros(0, np.int64)]
         self._origin = [np.zeros(0, np.int32)]
         self._origins: list[Origin] = []
         self._numbers: dict[Origin, int] = {}
-        self._layouts: dict[tuple[str, int], list[Known]] = {}
+        self._layouts: dict[int, list[Known]] = {}
+        self.joints: set[str] = set()
 
-    def add(self, column: Column, namespace: str, in_place: bool) -> None:
-        """Add messages; if ``in_place``, only messages whose publish time is their stamp."""
+    def add(self, column: Column, place: np.ndarray, in_place: bool) -> None:
+        """Take messages; where they are ``in_place``, those whose publish time is their stamp."""
         count = len(column.time)
         rows, origin = np.zeros(count, self._kind), np.full(count, NOT_OURS, np.int32)
         for which, content in column.same_size():
-            rows[which], origin[which] = self._read(namespace, content)
+            rows[which], origin[which] = self._read(content)
         known = origin != NOT_OURS
         if in_place:
             known &= (rows['stamp'] == column.stamp) | (rows['stamp'] == 0)
         self._rows.append(rows[known])
         self._sent.append(column.stamp[known])
+        self._place.append(place[known])
         self._origin.append(origin[known])
 
-    def _read(self, namespace: str, content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _read(self, content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return rows and origins, shape (n,), of messages as bytes, shape (n, size)."""
         rows = np.zeros(len(content), self._kind)
         origin = np.full(len(content), NOT_OURS, np.int32)
-        layouts = self._layouts.setdefault((namespace, content.shape[1]), [])
+        layouts = self._layouts.setdefault(content.shape[1], [])
         found: list[Known] = []
         untried, looked_at = list(layouts), 0
         left = span = np.arange(len(content))
         while len(left):
             if is_new := not untried:
-                known = self._known(content[left[0]].tobytes(), namespace)
+                known = self._known(content[left[0]].tobytes())
                 is_worth_it = looked_at <= WORTH * (len(content) - len(left))
                 span = left if is_worth_it else left[:1]
                 looked_at += len(span)
@@ -179,9 +183,10 @@ class JointStateTable:
         layouts[:] = [*found, *(known for known in layouts if known not in found)][:KEPT]
         return rows, origin
 
-    def _known(self, raw: bytes, namespace: str) -> Known:
-        """Return the layout of a message, None if invalid, and the number of its origin."""
+    def _known(self, raw: bytes) -> Known:
+        """Return the layout of a message, None for no message, and the number of its origin."""
         layout = layout_in(raw, self._joint) or layout_in(raw)
+        self.joints.update(layout.joints if layout else ())
         if not (
             layout
             and (layout.joint == self._joint or len(layout.joints) == 1)
@@ -189,7 +194,7 @@ class JointStateTable:
         ):
             return layout, NOT_OURS
         parse = parse_state if self._kind is SAMPLE else parse_command
-        origin = Origin(namespace, layout.joint, parse(layout.frame_id))
+        origin = Origin(layout.joint, parse(layout.frame_id))
         if self._kind is IMPULSE and origin.guard not in GUARDS:
             return layout, NOT_OURS
         if origin not in self._numbers:
@@ -228,12 +233,12 @@ class JointStateTable:
         return good
 
     def messages(self) -> Messages:
-        """Return the messages read so far; may be called only once."""
-        parts: tuple[list[np.ndarray], ...] = self._rows, self._sent, self._origin
-        rows, sent, origin = (np.concatenate(part) for part in parts)
-        for part in parts:  # frees the memory of the parts
+        """Return what was read, once."""
+        parts: tuple[list[np.ndarray], ...] = self._rows, self._sent, self._place, self._origin
+        rows, sent, place, origin = (np.concatenate(part) for part in parts)
+        for part in parts:  # nothing is held twice
             part.clear()
-        return Messages(rows, sent, origin, self._origins)
+        return Messages(rows, sent, place, origin, self._origins)
 
 
 def damping_rows(column: Column) -> np.ndarray:

@@ -11,19 +11,20 @@ import yaml
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
-from impulse_control_ros.files.mcap_reader import Column, columns
+from impulse_control_ros.files.bag_reader import items
+from impulse_control_ros.files.mcap_reader import Column
 
 Message = tuple[int, str, bytes]  # log time [ns], topic, CDR
 Offers = dict[str, tuple[str, dict[str, Any]]]  # type and offered quality of service
 Spans = dict[str, tuple[int, int]]
 
 
-def surveyed(path: Path) -> tuple[Offers, Spans]:
+def surveyed(bag: Path) -> tuple[Offers, Spans]:
     """Return, by topic, type and quality of service, and the first and last log time [ns]."""
     kinds: dict[int, str] = {}
     found: Offers = {}
     spans: Spans = {}
-    for item in columns(path):
+    for item in items(bag):
         if isinstance(item, Schema):
             kinds[item.id] = item.name
         elif isinstance(item, Channel):
@@ -67,10 +68,10 @@ def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
     return first + round(offset * SECOND)
 
 
-def in_order(path: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
+def in_order(bag: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
     """Yield (log time [ns], topic, bytes) from ``start_ns`` on, chunk by chunk."""
     chunk: list[Column] = []
-    for item in columns(path):
+    for item in items(bag):
         if isinstance(item, Column):
             if chunk and item.content is not chunk[0].content:
                 yield from of_chunk(chunk, topics, start_ns)

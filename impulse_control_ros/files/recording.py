@@ -6,46 +6,27 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Schema
 import numpy as np
 
 from impulse_control_ros.core.protocol import StateHeader
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.core.trajectory import Trajectory
-from impulse_control_ros.files.bag import PACKAGE, ROLES
+from impulse_control_ros.files.bag_content import BagContent
+from impulse_control_ros.files.bag_reader import items
 from impulse_control_ros.files.completeness import lacking
-from impulse_control_ros.files.joint_state_arrays import (
-    COMMAND,
-    damping_rows,
-    IMPULSE,
-    JointStateTable,
-    Messages,
-    SAMPLE,
-)
-from impulse_control_ros.files.mcap_reader import Column, columns, Cut, Item, naming, storage_file
+from impulse_control_ros.files.joint_state_arrays import Messages
+from impulse_control_ros.files.mcap_reader import naming
 from impulse_control_ros.files.run_choice import (
     choose,
     damping_of,
-    NO_SOURCE,
+    NO_RUN,
     one_run,
-    OneRun,
-    Series,
+    runs_in,
     state_before,
 )
-from impulse_control_ros.files.run_parameters import acting, Change, DEFAULT_JOINT, RunParameters
+from impulse_control_ros.files.run_parameters import acting, by_recording, Change, DEFAULT_JOINT
 from impulse_control_ros.files.settings import Setting, settings_of, spans
-from impulse_control_ros.files.topics import (
-    DAMPING,
-    FLOAT64,
-    IMPULSE_EVENTS,
-    JOINT_COMMANDS,
-    JOINT_STATE,
-    JOINT_STATES,
-    RUN_PARAMETERS,
-    SERIES,
-)
-
-KINDS = {JOINT_STATES: SAMPLE, JOINT_COMMANDS: COMMAND, IMPULSE_EVENTS: IMPULSE}
+from impulse_control_ros.files.topic_choice import Selection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,116 +145,66 @@ class Recording(Trajectory):
         return [change for change in self.history if not change.is_plant]
 
 
-def read_bag(bag: str | Path, run: str = '') -> Recording:
+def read_bag(
+    bag: str | Path,
+    run: str | int = '',
+    *,
+    joint: str = '',
+    namespace: str = '',
+    topics: Sequence[str] = (),
+    log_time: bool = False,
+) -> Recording:
     """
-    Read the run with the name ``run`` from a bag, or the longest one by default.
+    Read a bag, of several runs the last one, or that with the number or id ``run``.
 
-    The name is a run's id or, for a foreign plant, the namespace of its joint_states. Raises
-    `BagError` for an invalid bag or a bag without states.
+    Of several joints, of several systems in namespaces, and of several ``topics`` of one kind,
+    one is to be chosen, unless the parameters in the bag tell the joint. With ``log_time`` each
+    state has the time at which it was recorded as its stamp. Raises `BagError` for what is no
+    bag, without states, and where something is to be chosen.
     """
-    path = storage_file(bag)
-    with naming(path):
-        found = _Gathered(DEFAULT_JOINT)
-        for item in columns(path):
-            found.add(item)
-            if found.parameters.joint != DEFAULT_JOINT:
+    selection = Selection(str(run), joint, namespace, topics, log_time)
+    with naming(Path(bag)):
+        content = BagContent(selection, joint or DEFAULT_JOINT)
+        for item in items(bag):
+            content.add(item)
+            if not joint and content.parameters.joints - {DEFAULT_JOINT}:
                 break
-        if found.parameters.joint != DEFAULT_JOINT:  # from the start, for this joint
-            found = _Gathered(found.parameters.joint)
-            for item in columns(path):
-                found.add(item)
-        return found.recording(run)
+        if (told := content.joint_told()) != content.joint:  # from the start, for this joint
+            content = BagContent(selection, told)
+            for item in items(bag):
+                content.add(item)
+            content.joint_told()
+        return recording_of(content)
 
 
-class _Gathered:
-    """The contents of a bag read so far; messages of several joints are read for ``joint``."""
-
-    def __init__(self, joint: str) -> None:
-        self.parameters = RunParameters()
-        self._joint = joint
-        self._schemas: dict[int, Schema] = {}
-        self._types: dict[str, Schema | None] = {}  # by topic
-        self._series = {role: JointStateTable(kind, joint) for role, kind in KINDS.items()}
-        self._damping: dict[str, list[np.ndarray]] = {}
-        self._about: Mapping[str, str] | None = None
-        self._summary: Mapping[str, str] = {}
-        self._unread: int | None = None
-        self._topics: set[str] = set()
-
-    def add(self, item: Item) -> None:
-        """Add an item of a file."""
-        if isinstance(item, Column):
-            self._add_messages(item)
-        elif isinstance(item, Schema):
-            self._schemas[item.id] = item
-        elif isinstance(item, Channel):
-            self._types[item.topic] = self._schemas.get(item.schema_id)
-        elif isinstance(item, Cut):
-            self._unread = item.unread
-        elif item.name == PACKAGE:
-            self._about = item.metadata
-        elif item.name == 'recording':
-            self._summary = item.metadata
-
-    def _add_messages(self, column: Column) -> None:
-        """Add the messages of a topic."""
-        self._topics.add(column.topic)
-        namespace, _, name = column.topic.rpartition('/')
-        about, schema = self._about or {}, self._types.get(column.topic)
-        role = next((role for role in ROLES if about.get(role) == column.topic), name)
-        # our recorder records one plant, whatever the names of its topics
-        namespace = '/' if self._is_ours else namespace or '/'
-        kind = schema.name if schema else ''
-        if role in KINDS and kind == JOINT_STATE:
-            self._series[role].add(column, namespace, in_place=self._is_ours)
-        elif role == DAMPING and kind == FLOAT64:
-            self._damping.setdefault(namespace, []).append(damping_rows(column))
-        elif role == RUN_PARAMETERS and kind == SERIES[RUN_PARAMETERS]:
-            self.parameters.add(column, namespace, schema)
-
-    def recording(self, name: str) -> Recording:
-        """Return the recording of the run with that ``name``, '' for any."""
-        every = Series(*(self._series[role].messages() for role in KINDS))
-        every = every._replace(states=every.states.where(every.states.stamps > 0))
-        run = self._about.get('run', '') if self._about is not None else None
-        source = choose(every.states, self._joint, run, name)
-        if self._topics and not source:
-            raise ValueError(
-                f'no joint_states of joint {self._joint!r} among its topics '
-                f'{", ".join(sorted(map(self._typed, self._topics)))}'
-            )
-        return self._recording_of(one_run(every, source or NO_SOURCE, self._is_ours))
-
-    def _recording_of(self, found: OneRun) -> Recording:
-        run, (states, commands, impulses) = found.source.run, found.series
-        changes = self.parameters.changes(run, found.source.namespace)
-        if run:
-            changes = acting(changes, commands)
-            mark_resets(states, changes)
-        withdrawn = found.withdrawn.sent
-        return Recording(
-            run=run,
-            states=states.rows,
-            commands=commands.rows,
-            impulses=impulses.rows,
-            withdrawn=withdrawn if self._is_ours else state_before(states, withdrawn),
-            damping=damping_of(found, self._damping, self._is_ours),
-            history=changes,
-            version=(self._about or {}).get('version', ''),
-            recording_summary=self._summary,
-            unread=self._unread,
-            lacks=lacking(found, changes),
-        )
-
-    @property
-    def _is_ours(self) -> bool:
-        """Whether our recorder, or a compatible writer, made the bag."""
-        return self._about is not None
-
-    def _typed(self, topic: str) -> str:
-        """Return a topic with its type, if known."""
-        schema = self._types.get(topic)
-        return f'{topic} ({schema.name})' if schema else topic
+def recording_of(content: BagContent) -> Recording:
+    """Return the run that was selected; raises ValueError where that is not clear."""
+    about, is_ours = content.about or {}, content.is_ours
+    every, damping, near, by_place = content.system()
+    runs = runs_in(every.states, content.joint, is_ours)
+    recorded = about.get('run', '') if is_ours else None
+    found = one_run(every, choose(runs, content.selection.run, recorded) or NO_RUN, runs)
+    run, (states, commands, impulses) = found.source.run, found.series
+    changes = content.parameters.changes(run, near, by_place)
+    if run:
+        changes = acting(changes, commands)
+        mark_resets(states, changes)
+    elif len(states.rows):
+        changes = by_recording(changes, states, content.selection.log_time)
+    withdrawn = found.withdrawn.sent
+    return Recording(
+        run=run,
+        states=states.rows,
+        commands=commands.rows,
+        impulses=impulses.rows,
+        withdrawn=withdrawn if is_ours else state_before(states, withdrawn),
+        damping=damping_of(found, damping, is_ours),
+        history=changes,
+        version=about.get('version', ''),
+        recording_summary=content.summary,
+        unread=content.unread,
+        lacks=[*content.notes, *content.parameters.notes, *lacking(found, changes)],
+    )
 
 
 def mark_resets(states: Messages, changes: Sequence[Change]) -> None:

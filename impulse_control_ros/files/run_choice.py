@@ -1,25 +1,24 @@
 """
-Select the messages of one run from a bag, each sample once.
+Of the messages of a system, those of one run, each sample once.
 
-A bag may hold several runs: of a restarted plant, of two plants, or of a foreign plant whose time
-went back. If a state has several commands, the one whose author the next state names counts (for
-the last state, the author that it names itself), or else the first one. Only the events of these
-commands are kept.
+A bag may hold several runs: of a plant that was restarted, of two plants, of a foreign plant whose
+time went back. They are numbered in the order in which they begin. Of several commands for one
+state the one counts whose author the next state names, or the last one itself, else the first
+one; the events are those of these commands.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from impulse_control_ros.core.protocol import StateHeader
-from impulse_control_ros.files.joint_state_arrays import DAMPING, Messages, Source
+from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.files.joint_state_arrays import Messages, Source
 
-LATE = 10  # consecutive states older than the one before: time went back; fewer were late
-
-
-NO_SOURCE = Source('', '/', '')
+LATE = 10  # states before the one ahead of them in a row: time went back; fewer came late
+FIRST, LAST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 
 
 class Series(NamedTuple):
@@ -30,111 +29,167 @@ class Series(NamedTuple):
     impulses: Messages
 
 
+class Run(NamedTuple):
+    """
+    A run by its ``number`` and ``source``.
+
+    ``span`` are the times [ns] from which on, and before which, it was sent.
+    """
+
+    number: int
+    source: Source
+    span: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        """The name to choose it by."""
+        return self.source.run or str(self.number)
+
+    def during(self, messages: Messages) -> Messages:
+        """Return the messages that were sent during the run."""
+        return messages.where((messages.sent >= self.span[0]) & (messages.sent < self.span[1]))
+
+
 class OneRun(NamedTuple):
     """
-    The ``series`` of one run in order, and the ``withdrawn`` commands, which answer no state.
+    The ``series`` of a ``run`` in order, and the commands ``withdrawn`` that answer no state.
 
-    ``source`` is the source of the states. ``others`` counts the messages that were left out, by
-    kind. ``span`` is the half-open interval of publish times [ns] of the run.
+    ``others`` tells what was left out, and of how many messages.
     """
 
     series: Series
     withdrawn: Messages
-    source: Source
+    run: Run
     others: Counter[str]
-    span: tuple[int, int]
+
+    @property
+    def source(self) -> Source:
+        """Whose the messages are."""
+        return self.run.source
 
 
-def choose(states: Messages, joint: str, run: str | None, name: str) -> Source | None:
+NO_RUN = Run(0, Source('', ''), (FIRST, LAST))
+
+
+def runs_in(states: Messages, joint: str, is_ours: bool) -> list[Run]:
     """
-    Return the source with the most states among those allowed, None if there are none.
+    Return the runs of a topic in the order in which they begin.
 
-    ``run`` is the run of the bag, None for any. ``name`` is the name of a source, '' for any.
-    Foreign plants need the ``joint``. Raises ValueError for a wrong name or several foreign
-    plants.
+    Those of our plants are of any joint, those of a foreign plant of the ``joint``. In a bag of
+    our recorder (``is_ours``) time goes on.
     """
-    counts = Counter[Source]()
-    for origin, count in states.counts():
-        if count and (origin.header.run or origin.joint == joint):
-            counts[origin.source] += count
-    found = [
-        source
-        for source in counts
-        if source.name == name or (not name and run in (None, source.run))
-    ]
-    if name and not found:
-        raise ValueError(f'run {name} is not in it; its runs: {names_of(counts)}')
-    found = [source for source in found if source.run] or found
-    if len(found) > 1 and not found[0].run:
-        raise ValueError(
-            f'joint {joint!r} has states in the namespaces {names_of(found)}: '
-            'choose one with --run'
-        )
-    return max(found, key=lambda source: counts[source], default=None)
+    found: list[tuple[int, Run]] = []
+    for source in dict.fromkeys(origin.source for origin, count in states.counts() if count):
+        if source.run or source.joint == joint:
+            ours = of_source(states, source)
+            for span in spans_of(ours, states, source, is_ours):
+                run = Run(0, source, span)
+                found.append((int(run.during(ours).sent.min()), run))
+    found.sort()
+    return [run._replace(number=number) for number, (_, run) in enumerate(found, start=1)]
 
 
-def names_of(sources: Iterable[Source]) -> str:
-    """Return the names of sources."""
-    return ', '.join(dict.fromkeys(source.name for source in sources)) or 'none'
+def choose(runs: Sequence[Run], name: str, recorded: str | None) -> Run | None:
+    """
+    Return the run with a ``name`` or number, or else the last, one of ours if there is any.
+
+    ``recorded`` is the id of the run of a bag, None where it tells none. None where there are no
+    runs; raises ValueError for a wrong name.
+    """
+    found = [run for run in runs if recorded in (None, run.source.run)]
+    if name:
+        found = [run for run in runs if name in (run.name, str(run.number))]
+        if not found:
+            names = ', '.join(dict.fromkeys(run.name for run in runs)) or 'none'
+            raise ValueError(f'run {name} is not in it; its runs: {names}')
+    return next(reversed([run for run in found if run.source.run] or found), None)
 
 
-def one_run(every: Series, source: Source, is_ours: bool) -> OneRun:
-    """Return the messages of a ``source``; our recorder's bags (``is_ours``) are in time order."""
-    states = every.states.from_origins(lambda origin: origin.source == source)
-    parts = [states, *(of_source(messages, source) for messages in every[1:])]
+def one_run(every: Series, run: Run, runs: Sequence[Run]) -> OneRun:
+    """Return the messages of one ``run`` of all ``runs``."""
+    source = run.source
+    parts = [of_source(messages, source) for messages in every]
     others = sum((messages_of_others(messages, source) for messages in every), Counter[str]())
-    span = span_of(states, every.states, source, is_ours)
     if not source.run:
-        whole = parts
-        parts = [part.where((part.sent >= span[0]) & (part.sent < span[1])) for part in whole]
-        others['another part of it, in which time goes back,'] += sum(
-            len(all_of.rows) - len(part.rows) for all_of, part in zip(whole, parts, strict=True)
-        )
+        for other in runs:
+            if other.source == source and other != run:
+                name = f'run {other.number} of {len(runs)}'
+                others[f'time goes back: {name}, which --run {other.number} reads,'] += sum(
+                    len(other.during(part).rows) for part in parts
+                )
+        parts = [run.during(part) for part in parts]
+        others['what repeats a stamp with other values'] += conflicts(parts[0])
     states = parts[0].in_order()
     commands, impulses = (part.where(part.stamps > 0) for part in parts[1:])
     commands = acting_commands(commands, states)
     series = Series(states, commands, events_of(impulses, commands))
-    return OneRun(series, parts[1].where(parts[1].stamps == 0), source, +others, span)
+    return OneRun(series, parts[1].where(parts[1].stamps == 0), run, +others)
 
 
 def of_source(messages: Messages, source: Source) -> Messages:
-    """Return the commands or events that may answer the states of a ``source``."""
-    if source.run:
-        return messages.from_origins(
-            lambda origin: origin.joint == source.joint and (origin.header.run in (source.run, ''))
+    """Return the messages that are of a ``source``, or may answer its states."""
+    return messages.from_origins(
+        lambda origin: (
+            origin.joint == source.joint
+            and (
+                origin.header.run == source.run
+                or (not origin.header.run and isinstance(origin.header, CommandHeader))
+            )
         )
-    messages = messages.from_origins(lambda one: one.joint == source.joint and not one.header.run)
-    # if the plant's namespace has no controller, one in another namespace may answer
-    near = messages.from_origins(lambda origin: origin.namespace == source.namespace)
-    return near if len(near.rows) else messages
+    )
 
 
-def span_of(states: Messages, every: Messages, source: Source, is_ours: bool) -> tuple[int, int]:
+def conflicts(states: Messages) -> int:
+    """Return the number of states with the stamp of another one, but with other values."""
+    rows = states.rows[np.argsort(states.stamps, kind='stable')]
+    values = rows.view(f'V{rows.dtype.itemsize}')
+    again = rows['stamp'][1:] == rows['stamp'][:-1]
+    return int(np.count_nonzero(again & (values[1:] != values[:-1])))
+
+
+def spans_of(
+    states: Messages, every: Messages, source: Source, is_ours: bool
+) -> list[tuple[int, int]]:
     """
-    Return the half-open interval of publish times [ns] of a run.
+    Return the times [ns] from which on, and before which, each run of a source was sent.
 
-    A run of a foreign plant is the longest part in which time does not go back. A run of our
-    plants ends where states of another run begin.
+    A foreign plant has another run where its time goes back. That of ours ends with the states
+    of another one.
     """
-    first, last = np.iinfo(np.int64).min, np.iinfo(np.int64).max
-    if is_ours or not len(states.rows):
-        return first, last
+    if is_ours:
+        return [(FIRST, LAST)]
     if source.run:
         later = every.sent[every.sent > states.sent.max()]
-        return first, int(later.min(initial=last))
+        return [(FIRST, int(later.min(initial=LAST)))]
     order = np.argsort(states.sent, kind='stable')
-    stamps, sent = states.stamps[order], states.sent[order]
-    starts = [
-        0,
-        *(
-            at
-            for at in (np.flatnonzero(np.diff(stamps) < 0) + 1).tolist()
-            if len(stamps) - at >= LATE and (stamps[at : at + LATE] < stamps[at - 1]).all()
-        ),
+    starts = states.sent[order][restarts(states.stamps[order])].tolist()
+    return list(pairwise([FIRST, *starts, LAST]))
+
+
+def restarts(times: np.ndarray) -> list[int]:
+    """Return the places at which ``times`` [ns] go back; those of late messages do not."""
+    steps = np.diff(times)
+    far = LATE * float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    return [
+        at
+        for at in (np.flatnonzero(steps < 0) + 1).tolist()
+        if (times[at : at + LATE] < times[at - 1]).all()
+        # too few follow to tell it from them
+        and (len(times) - at >= LATE or times[at - 1] - times[at] > far)
     ]
-    longest = int(np.argmax(np.diff([*starts, len(stamps)])))
-    ends = [first, *sent[starts[1:]].tolist(), last]
-    return ends[longest], ends[longest + 1]
+
+
+def is_reset_clock(sent: np.ndarray) -> bool:
+    """
+    Tell whether times [ns], in the order of the bag, are those of a clock that was set back.
+
+    So is one that stands still. Messages in no order at all go back more often, or by chance.
+    """
+    if len(sent) and sent.min() == sent.max():
+        return True
+    starts = restarts(sent)
+    back = np.count_nonzero(np.diff(sent) < 0)
+    return bool(starts) and len(starts) == back and bool(np.diff([0, *starts]).min() >= LATE)
 
 
 def messages_of_others(messages: Messages, source: Source) -> Counter[str]:
@@ -184,21 +239,17 @@ def state_before(states: Messages, sent: np.ndarray) -> np.ndarray:
     return stamps[np.searchsorted(states.sent[order], sent, 'right')]
 
 
-def damping_of(
-    run: OneRun, found: Mapping[str, Sequence[np.ndarray]], is_ours: bool
-) -> np.ndarray:
+def damping_of(found: OneRun, rows: np.ndarray, is_ours: bool) -> np.ndarray:
     """
-    Return the damping of a run from that ``found`` by namespace: shape (n,), dtype DAMPING.
+    Return the damping of a run, of all ``rows`` with publish times: shape (n,), dtype DAMPING.
 
     In a bag of our recorder (``is_ours``), publish times equal the stamps of the states. Other
     recorders store only when a message was sent, which is after the state that it belongs to.
     """
-    near = found.get(run.source.namespace) or [rows for parts in found.values() for rows in parts]
-    rows = np.concatenate([np.zeros(0, DAMPING), *near])
     if is_ours:
         return rows
     sent = rows['stamp'].copy()
-    rows['stamp'] = state_before(run.series.states, sent)
-    first, last = run.span
+    rows['stamp'] = state_before(found.series.states, sent)
+    first, last = found.run.span
     rows = rows[(rows['stamp'] > 0) & (sent >= first) & (sent < last)]
     return np.sort(rows, order='stamp', kind='stable')

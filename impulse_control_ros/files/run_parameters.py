@@ -1,28 +1,31 @@
-"""The parameters of the nodes of a run, from the messages of the topic run_parameters."""
+"""The parameters of the nodes of a bag, from the topics run_parameters and /parameter_events."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
-from mcap.records import Schema
-from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 
 from impulse_control_ros.core.protocol import name_of, parse_node
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.mcap_reader import Column
-from impulse_control_ros.files.parameter_event import decode_parameter_event
+from impulse_control_ros.files.parameter_event import decode_parameter_event, TYPE
+from impulse_control_ros.files.topic_choice import one_of, preferred, Selection
+from impulse_control_ros.files.topics import PARAMETER_EVENTS, RUN_PARAMETERS
 
 DEFAULT_JOINT = 'axis'
+LAST = np.iinfo(np.int64).max
 
 
 class Change(NamedTuple):
     """
     Parameters of the node ``node_id`` that apply from the state of ``stamp`` [ns] on.
 
-    A controller answers this state with these parameters, and a plant steps on from this state.
-    ``values`` has all parameters of the node by name, ``changed`` only those that were just set.
-    The message was ``logged`` [ns] in a ``namespace``; its ``run`` is '' with a foreign plant.
+    A controller answers this state with them, and a plant steps on from it. ``values`` are all
+    of the node by name, and ``changed`` those that were set then. The message was ``logged`` [ns]
+    on a ``topic``, stands at a ``place`` in the bag, and is of a ``run``, '' beside a foreign
+    plant.
     """
 
     stamp: int
@@ -30,8 +33,9 @@ class Change(NamedTuple):
     values: dict[str, Any]
     changed: dict[str, Any]
     run: str
-    namespace: str
+    topic: str
     logged: int
+    place: int
 
     @property
     def node(self) -> str:
@@ -40,8 +44,13 @@ class Change(NamedTuple):
 
     @property
     def is_plant(self) -> bool:
-        """Whether the node is a plant; only controllers have an id."""
-        return self.node == self.node_id
+        """Whether it is a plant: a controller has an id, or tells a set-point."""
+        return self.node == self.node_id and 'x_r' not in self.values
+
+    @property
+    def source(self) -> str:
+        """The name whose namespace is that of the system: the topic, or the node."""
+        return self.node if self.topic == PARAMETER_EVENTS else self.topic
 
     @property
     def anew(self) -> bool:
@@ -50,49 +59,116 @@ class Change(NamedTuple):
 
 
 class RunParameters:
-    """The parameters that all nodes of a bag have published."""
+    """
+    What all nodes of a bag tell of their parameters.
 
-    def __init__(self) -> None:
-        self._joints: dict[bool, str] = {}  # of the first node without a run (True) or with one
-        self._changes: dict[bytes, Change] = {}  # each message once, however often it arrived
-        self._decoders = DecoderFactory()
+    A node tells all of them on run_parameters. On /parameter_events every node of ROS 2 tells
+    those that are new or changed; of interest is one that has a set-point.
+    """
 
-    def add(self, column: Column, namespace: str, schema: Schema | None) -> None:
-        """Add the events of a column; raises ValueError if they cannot be decoded."""
+    def __init__(self, selection: Selection) -> None:
+        self._selection = selection
+        self._changes: dict[bytes, Change] = {}  # once each, however often it came
+        self._values: dict[str, dict[str, Any]] = {}  # by node, from /parameter_events
+        self.notes: list[str] = []
+
+    def add(self, column: Column, place: np.ndarray) -> None:
+        """Take the events of a column; raises ValueError for what are none."""
         try:
-            self._add(column, namespace, schema)
-        except Exception as error:  # the library compiles the schema and may raise anything
+            for at, size, *when in zip(
+                column.start, column.size, column.time.tolist(), place.tolist(), strict=True
+            ):
+                raw = column.content[at : at + size].tobytes()
+                if raw not in self._changes:
+                    self._changes[raw] = self._change(raw, column.topic, *when)
+        except Exception as error:  # the library raises anything for bytes that are no event
             raise ValueError(
                 f'{column.topic} cannot be decoded: {" ".join(str(error).split())}'
             ) from error
 
-    def _add(self, column: Column, namespace: str, schema: Schema | None) -> None:
-        decode = self._decoders.decoder_for('cdr', schema)
-        if not decode:
-            return
-        for at, size, time in zip(column.start, column.size, column.time, strict=True):
-            raw = column.content[at : at + size].tobytes()
-            sec, nanosec, node, values, changed = decode_parameter_event(raw, decode)
-            run, node_id = parse_node(node)
-            stamp = sec * SECOND + nanosec
-            change = Change(stamp, node_id, values, changed, run, namespace, int(time))
-            self._changes.setdefault(raw, change)
-            joint = values.get('joint_name')
-            if isinstance(joint, str):
-                self._joints.setdefault(not run, joint)
+    def _change(self, raw: bytes, topic: str, logged: int, place: int) -> Change:
+        sec, nanosec, node, values, changed = decode_parameter_event(raw, decoded)
+        run, node_id = parse_node(node)
+        if topic == PARAMETER_EVENTS:
+            before = self._values.get(node_id)
+            changed = {} if before is None else {**values, **changed}
+            values = self._values[node_id] = {**(before or {}), **values, **changed}
+        return Change(sec * SECOND + nanosec, node_id, values, changed, run, topic, logged, place)
 
     @property
-    def joint(self) -> str:
-        """The joint to look for among several; our plants have only one."""
-        return self._joints.get(True, self._joints.get(False, DEFAULT_JOINT))
+    def joints(self) -> set[str]:
+        """The joints that the nodes of each system tell: our plants have one alone."""
+        told = [
+            one
+            for one in self._changes.values()
+            if isinstance(one.values.get('joint_name'), str)
+            and (one.topic != PARAMETER_EVENTS or 'x_r' in one.values)
+        ]
+        told.sort(key=lambda one: (one.topic == PARAMETER_EVENTS, not one.run))
+        told = [one for one in told if one.topic == told[0].topic or one.run]
+        names = preferred({one.source for one in told}, self._selection)
+        first = {one.source: one.values['joint_name'] for one in reversed(told)}
+        return {first[name] for name in names}
 
-    def changes(self, run: str, namespace: str) -> list[Change]:
-        """Return the changes of a run, by stamp; for a foreign plant, those in its namespace."""
-        changes = [one for one in self._changes.values() if one.run == run]
-        near = [one for one in changes if one.namespace == namespace]
-        return sorted(
-            near if near and not run else changes, key=lambda one: (one.stamp, one.logged)
-        )
+    def changes(self, run: str, near: str, by_place: bool) -> list[Change]:
+        """
+        Return those of a run, by their stamps; of a foreign plant those in the namespace ``near``.
+
+        With ``by_place`` they are logged where they stand in the bag. Raises ValueError where they
+        are on several topics.
+        """
+        if by_place:
+            self._changes = {
+                raw: one._replace(logged=one.place) for raw, one in self._changes.items()
+            }
+        every = [one for one in self._changes.values() if one.run == run]
+        changes = [one for one in every if one.topic != PARAMETER_EVENTS]
+        if not run:
+            topic = one_of(RUN_PARAMETERS, {one.topic for one in changes}, self._selection, near)
+            changes = [one for one in changes if one.topic == topic]
+        return sorted(changes, key=lambda one: (one.stamp, one.logged)) or self._of_one_node(near)
+
+    def _of_one_node(self, near: str) -> list[Change]:
+        """Return what the one node with a set-point tells on /parameter_events, as it came."""
+        told = [
+            one
+            for one in self._changes.values()
+            if one.topic == PARAMETER_EVENTS and 'x_r' in one.values
+        ]
+        nodes = preferred({one.node for one in told}, self._selection, near)
+        if len(nodes) > 1:
+            self.notes.append(f'x_r is told by {", ".join(nodes)}: none of them is taken')
+        return [one for one in told if [one.node] == nodes]
+
+
+def decoded(raw: bytes) -> Any:
+    """Return an event; the library knows its type also where the bag does not describe it."""
+    return typestore().deserialize_cdr(raw, TYPE)
+
+
+@cache
+def typestore() -> Any:
+    """Return the message types of ROS 2."""
+    from rosbags.typesys import get_typestore, Stores  # takes a tenth of a second
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def by_recording(changes: Sequence[Change], states: Messages, log_time: bool) -> list[Change]:
+    """
+    Return the ``changes`` with the stamps of the states before which they were recorded.
+
+    Those on run_parameters have such a stamp already, unless ``log_time`` has replaced those of
+    the states. The stamp is 0 for what was recorded before all of them.
+    """
+    order = np.argsort(states.sent, kind='stable')
+    stamps = np.append(states.stamps[order], LAST)
+    stamps[0] = 0
+    places = np.searchsorted(states.sent[order], [one.logged for one in changes], 'right')
+    return [
+        one._replace(stamp=stamp) if log_time or one.topic == PARAMETER_EVENTS else one
+        for one, stamp in zip(changes, stamps[places].tolist(), strict=True)
+    ]
 
 
 def acting(changes: Sequence[Change], commands: Messages) -> list[Change]:

@@ -21,13 +21,14 @@ def settings_of(stamps: np.ndarray, controllers: Sequence[Change]) -> list[Setti
     """
     Return the settings of the ``controllers`` at the states of ``stamps`` [ns].
 
-    The list is empty if none of them publishes a set-point. The first setting applies from the
-    first state on.
+    Empty where none of them tells a set-point; the first one has had it all along, unless it has
+    just been changed: nobody tells the one before, and 0 is taken.
     """
     told = [change for change in controllers if 'x_r' in change.values]
     firsts = np.searchsorted(stamps, [change.stamp for change in told])
-    firsts[:1] = 0
-    return [
+    before = [Setting(0, NO_GAINS)] if told and 'x_r' in told[0].changed and firsts[0] else []
+    firsts[: 1 - len(before)] = 0
+    return before + [
         Setting(first, {name: change.values.get(name, value) for name, value in NO_GAINS.items()})
         for first, change in zip(firsts.tolist(), told, strict=True)
     ]

@@ -25,7 +25,6 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.experiment import cpu_core_parameter
-from impulse_control_ros.files.mcap_reader import storage_file
 from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
 from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
@@ -59,7 +58,7 @@ class Player(ParameterNode):
                 Parameter(name, value=value) for name, value in given.items() if value is not None
             ],
         )
-        self._path = storage_file(options.bag)
+        self._path = options.bag
         found, spans = surveyed(self._path)
         self._topics = chosen(found, options.topics)
         self._outputs = {

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
+from impulse_control_ros.command_line import add_selection, Parser, selection, StopRequest, warn
 from impulse_control_ros.errors import BagError, MissingPackageError, UsageError
 
 EPILOG = """\
@@ -27,7 +27,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         'file', metavar='FILE.parquet|FILE.csv', type=Path, help='the ending says which'
     )
-    parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
+    add_selection(parser)
     return parser.parse_args(arguments)
 
 
@@ -49,7 +49,7 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
             f"{error.name} is missing: pip install 'impulse_control_ros[analysis]', or "
             'pip install pyarrow'
         ) from None
-    run = read_bag(bag, options.run)
+    run = read_bag(bag, **selection(options))
     if not len(run.states):
         raise BagError(f'bag {str(bag)!r} has no samples')
     rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)

@@ -11,7 +11,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
+from impulse_control_ros.command_line import add_selection, Parser, selection, StopRequest, warn
 from impulse_control_ros.errors import BagError, MissingPackageError
 
 DESCRIPTION = 'Play a bag on the ROS graph, or run it again and compare every message.'
@@ -67,7 +67,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=[],
         help='with --controller: a parameter of the controller',
     )
-    again.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
+    add_selection(parser)
 
 
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
@@ -78,8 +78,8 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     ours = given[: (given + ['--ros-args']).index('--ros-args')]
     options = parser.parse_args(ours)
     if not (options.controller or options.closed_loop):
-        if options.params or options.overrides or options.run:
-            parser.error('--params, -p and --run are for --controller')
+        if options.params or options.overrides or selection(options):
+            parser.error('--params, -p and what to read of a bag are for --controller')
         try:
             player = import_module('impulse_control_ros.nodes.player')
         except ModuleNotFoundError as error:
@@ -125,7 +125,8 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     from impulse_control_ros.tools.bag_diff import difference, lines_of, same
     from impulse_control_ros.tools.resimulate import closed_loop, open_loop
 
-    recording, overrides = read_bag(options.bag, options.run), overrides_of(options)
+    recording = read_bag(options.bag, **selection(options))
+    overrides = overrides_of(options)
     if recording.unread is not None:
         warn(
             'replay',

@@ -45,14 +45,20 @@ def histories(
     """
     Yield (stamp, anew, parameters of ``kind``) for each time that they change.
 
-    ``overrides`` hold from the start to the end. Raises `ParameterError` for a wrong one, and
-    `BagError` where no node of the run has such parameters.
+    ``overrides`` hold from the start to the end; where they are all, no node needs to tell any.
+    Raises `ParameterError` for a wrong one, and `BagError` where no node of the run has such
+    parameters.
     """
     changes = recording.plant if kind is PlantParameters else recording.controllers
+    if not changes and kind is ControllerParameters and overrides.keys() >= kind().flat().keys():
+        yield 0, True, build(kind, overrides)
+        return
     if not changes:
         raise BagError(
             f'no node of it has the parameters of a {WORDS[kind]}; '
             f'its nodes: {", ".join(recording.parameters) or "none"}'
+            + '; replay --controller --params FILE takes them from a file'
+            * (kind is ControllerParameters)
         )
     for change in changes:
         ours = {name: value for name, value in change.values.items() if not is_foreign(name)}

@@ -11,12 +11,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
-from impulse_control_ros.command_line import Parser, RUN_HELP, StopRequest, warn
+from impulse_control_ros.command_line import add_selection, Parser, selection, StopRequest, warn
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
 
@@ -58,13 +58,25 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar='BAG',
         nargs='+',
         type=Path,
-        help='a bag of ours: its folder, or the .mcap file in it',
+        help='a rosbag2 folder, or a file in it: MCAP or sqlite3',
     )
     parser.add_argument(
         '--all',
         action='store_true',
         dest='every',
         help='each response of a bag, not its last one alone',
+    )
+    parser.add_argument(
+        '--set-point-change',
+        metavar='N',
+        type=int,
+        help='the response N, as --all numbers them, in place of the last one',
+    )
+    parser.add_argument(
+        '--set-point',
+        metavar='M',
+        type=float,
+        help='the set-point x_r of the whole run, in place of what the bag tells',
     )
     parser.add_argument(
         '--check',
@@ -79,7 +91,7 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
             type=float,
             help=f'with --check: largest error of the measured {name} of an axis that is not ours',
         )
-    parser.add_argument('--run', metavar='RUN', default='', help=RUN_HELP)
+    add_selection(parser)
     parser.add_argument(
         '--format',
         choices=('text', 'json', 'csv'),
@@ -97,6 +109,10 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     options = parser.parse_args(arguments)
     require_check_options(options)
+    if options.every and options.set_point_change is not None:
+        raise UsageError('--set-point-change: must stand without --all')
+    if options.set_point is not None and not isfinite(options.set_point):
+        raise UsageError(f'--set-point {options.set_point}: must be finite')
     for name, suffixes, package in (
         ('report', ('.html',), 'plotly'),
         ('figure', ('.pdf', '.png'), 'matplotlib'),
@@ -108,8 +124,16 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 def require_check_options(options: argparse.Namespace) -> None:
     """Raise `UsageError` for options that do not go with --check, or not without it."""
     errors = options.position_error, options.velocity_error
-    if options.check and (options.every or options.report or options.figure):
-        raise UsageError('--check: must stand without --all, --report and --figure')
+    if options.check and (
+        options.every
+        or options.report
+        or options.figure
+        or (options.set_point, options.set_point_change) != (None, None)
+    ):
+        raise UsageError(
+            '--check: must stand without --all, --set-point, --set-point-change, --report and '
+            '--figure'
+        )
     if errors == (None, None):
         return
     if not options.check or None in errors:
@@ -138,9 +162,9 @@ def require_writable(
         )
 
 
-def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
+def runs_of(options: argparse.Namespace) -> Iterator[Run]:
     """
-    Read the bags, of those with several runs that with the ``name``, '' for the longest.
+    Read the bags, and of each what is selected.
 
     Warns of what is not in them, and raises `UsageError` for what is none.
     """
@@ -149,13 +173,19 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
     from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.analyze.run import Run
 
+    bags = options.bags
     if len(set(bags)) < len(bags):
         raise UsageError(f'{Counter(bags).most_common(1)[0][0]} is given twice')
     names = Counter(bag.resolve().name for bag in bags)
     for bag in bags:
-        recording = with_positions(bag, read_bag(bag, name))
+        recording = with_positions(bag, read_bag(bag, **selection(options)))
         short = bag.resolve().name
-        run = Run(name=short if names[short] == 1 else str(bag), path=bag, recording=recording)
+        run = Run(
+            name=short if names[short] == 1 else str(bag),
+            path=bag,
+            recording=recording,
+            x_r=options.set_point,
+        )
         if recording.unread is not None:
             warn_of_cut(run)
         if len(recording.states) < 2 or not np.ptp(recording.states['stamp']):
@@ -172,7 +202,7 @@ def runs_of(bags: Sequence[Path], name: str) -> Iterator[Run]:
                 f'{bag}: the recorder counted {missing} missing messages; impulses may be among '
                 'them',
             )
-        if not recording.settings:
+        if run.x_r is None and not recording.settings:
             warn(NAME, f'{bag}: no node tells its set-point x_r: 0 m is taken')
         yield run
 
@@ -213,8 +243,8 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
     runs: list[Run] = []
     responses: list[Response] = []
-    for run in runs_of(options.bags, options.run):
-        responses += responses_of(run, options.every)
+    for run in runs_of(options):
+        responses += responses_of(run, options.every, options.set_point_change)
         if options.report or options.figure:
             runs.append(run)
     print(FORMATS[options.format](responses), flush=True)
@@ -235,10 +265,7 @@ def check(options: argparse.Namespace) -> int:
     from impulse_control_ros.tools.analyze.check import checked, FORMATS
 
     errors = options.position_error, options.velocity_error
-    every = [
-        checked(run, None if None in errors else Errors(*errors))
-        for run in runs_of(options.bags, options.run)
-    ]
+    every = [checked(run, None if None in errors else Errors(*errors)) for run in runs_of(options)]
     print(FORMATS[options.format](every), flush=True)
     gaps = [f'{one.run.path}: {one.gap}' for one in every if one.gap]
     for gap in gaps:

@@ -30,11 +30,16 @@ from impulse_control_ros.tools.resimulate import with_velocities
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A recorded run by its ``name``, as shown, and the ``path`` of its bag, as given."""
+    """
+    A recorded run by its ``name``, as shown, and the ``path`` of its bag, as given.
+
+    ``x_r`` is the set-point [m] if the bag is not to tell it.
+    """
 
     name: str
     path: Path
     recording: Recording
+    x_r: float | None = None
 
     @cached_property
     def states(self) -> np.ndarray:
@@ -49,12 +54,18 @@ class Run:
     @cached_property
     def settings(self) -> list[Setting]:
         """Return what the controller was set to; a set-point of 0 where nobody tells one."""
-        return self.recording.settings or [Setting(0, NO_GAINS)]
+        told = self.recording.settings or [Setting(0, NO_GAINS)]
+        if self.x_r is None:
+            return told
+        return [Setting(first, {**values, 'x_r': self.x_r}) for first, values in told]
 
     @cached_property
     def error(self) -> np.ndarray:
         """Return e = x - x_r(t) [m], shape (n,)."""
-        return self.recording.position - self.recording.set_point
+        error = self.recording.position.copy()
+        for part, values in spans(self.settings, len(error)):
+            error[part] -= values['x_r']
+        return error
 
     @cached_property
     def applied(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 
 from impulse_control_ros.core.metric_catalogue import METRICS
+from impulse_control_ros.errors import UsageError
 from impulse_control_ros.tools.analyze.run import Run
 
 WIDTH = 34
@@ -23,16 +24,27 @@ class Response:
     metrics: dict[str, float]
 
 
-def responses_of(run: Run, every: bool) -> list[Response]:
-    """Return the metrics of the last response of a run, or of ``every`` one."""
-    spans = run.responses if every else run.responses[-1:]
+def responses_of(run: Run, every: bool, chosen: int | None = None) -> list[Response]:
+    """
+    Return the metrics of the last response of a run, of ``every`` one, or of the ``chosen`` one.
+
+    They are numbered from 1. Raises `UsageError` for a number that there is not.
+    """
+    count = len(run.responses)
+    if chosen is not None and not 1 <= chosen <= count:
+        raise UsageError(
+            f'{run.path}: --set-point-change {chosen}: must be in [1, {count}], the responses that '
+            '--all shows'
+        )
+    numbers = range(1, count + 1) if every else [chosen or count]
     return [
         Response(
-            name=run.name if len(spans) == 1 else f'{run.name}:{number}',
+            name=f'{run.name}:{number}' if chosen or len(numbers) > 1 else run.name,
             path=run.path,
-            metrics={name: metric.of(run.samples(span)) for name, metric in METRICS.items()},
+            metrics={name: metric.of(samples) for name, metric in METRICS.items()},
         )
-        for number, span in enumerate(spans, start=1)
+        for number in numbers
+        for samples in [run.samples(run.responses[number - 1])]
     ]
 
 
