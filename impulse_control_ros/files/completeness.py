@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import FOREIGN
 from impulse_control_ros.core.tick import SECOND, seconds
 from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.run_choice import OneRun
 from impulse_control_ros.files.run_parameters import acting, Change
 
+MOVING = 0.1  # of the largest speed; less may be noise
 NO_EVENT = 'commands name a guard whose event is missing'
 
 
@@ -35,18 +37,31 @@ def of_others(run: OneRun) -> Iterator[str]:
 def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
     """Report a start in mid-run and missing states of our plants, one per time step."""
     states = run.series.states.rows
+    if is_mid_run(states, run.source.run):
+        yield f'the bag begins in mid-run, at {seconds(states["stamp"][0])} s; ' + (
+            'the controller may already have been active'
+            if run.source.run
+            else 'the axis is already moving'
+        )
     if not run.source.run:
         return
-    if not states['is_reset'][0]:
-        yield (
-            f'the bag begins in mid-run, at {seconds(states["stamp"][0])} s; the '
-            'controller may already have been active'
-        )
     step = next(filter(None, (change.values.get('time_step') for change in changes)), 0.0)
     if isinstance(step, float) and step * SECOND >= 1.0:
         steps = np.rint(np.diff(states['stamp']) / (step * SECOND))
         if missing := int(np.maximum(steps - 1, 0).sum()):
             yield f'{missing} states are missing'
+
+
+def is_mid_run(states: np.ndarray, run: str) -> bool:
+    """
+    Tell whether a run had begun before its first state: one of ours starts with a reset.
+
+    A foreign plant (``run`` '') does not tell, but an axis is at rest before it is controlled.
+    """
+    if run:
+        return not states['is_reset'][0]
+    speed = np.abs(states['velocity'])
+    return bool(speed[0] > MOVING * np.nanmax(speed[np.isfinite(speed)], initial=0.0) > 0.0)
 
 
 def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
@@ -69,7 +84,7 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
                     f'the first commands of {change.node} are missing; it started at '
                     f'{seconds(change.stamp)} s'
                 )
-    fired = commands.stamps[commands.per_message(lambda origin: bool(origin.guard)) > 0]
+    fired = commands.stamps[commands.per_message(lambda origin: origin.guard in GUARDS[1:]) > 0]
     if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
         yield f'{missing} {NO_EVENT}'
 

@@ -13,7 +13,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.files.bag_content import BagContent
 from impulse_control_ros.files.bag_reader import items
-from impulse_control_ros.files.completeness import lacking
+from impulse_control_ros.files.completeness import is_mid_run, lacking
 from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.mcap_reader import naming
 from impulse_control_ros.files.run_choice import (
@@ -99,6 +99,11 @@ class Recording(Trajectory):
         for part, values in spans(self.settings, len(self.states)):
             set_point[part] = values['x_r']
         return set_point
+
+    @property
+    def begins_in_mid_run(self) -> bool:
+        """Whether the run had begun before the first state."""
+        return bool(len(self.states)) and is_mid_run(self.states, self.run)
 
     def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the index of the state, and the guard, of each impulse."""

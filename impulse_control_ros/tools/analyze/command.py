@@ -204,6 +204,13 @@ def runs_of(options: argparse.Namespace) -> Iterator[Run]:
             )
         if run.x_r is None and not recording.settings:
             warn(NAME, f'{bag}: no node tells its set-point x_r: 0 m is taken')
+        shown = 1 if options.every else options.set_point_change or len(run.responses)
+        if recording.begins_in_mid_run and shown == 1 and not options.check:
+            warn(
+                NAME,
+                f'{bag}: settling times count from its first state, when the run had begun; '
+                f'--set-point-change takes another of its {len(run.responses)} responses',
+            )
         yield run
 
 

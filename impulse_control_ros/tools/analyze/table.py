@@ -33,8 +33,8 @@ def responses_of(run: Run, every: bool, chosen: int | None = None) -> list[Respo
     count = len(run.responses)
     if chosen is not None and not 1 <= chosen <= count:
         raise UsageError(
-            f'{run.path}: --set-point-change {chosen}: must be in [1, {count}], the responses that '
-            '--all shows'
+            f'{run.path}: --set-point-change {chosen}: must be in [1, {count}], the '
+            'responses that --all shows'
         )
     numbers = range(1, count + 1) if every else [chosen or count]
     return [
