@@ -17,7 +17,7 @@ from impulse_control_ros.files.joint_state_arrays import (
     SAMPLE,
 )
 from impulse_control_ros.files.mcap_reader import Column, Cut, Item, Note
-from impulse_control_ros.files.run_choice import is_reset_clock, runs_in, Series, state_before
+from impulse_control_ros.files.run_choice import is_by_place, Series, state_before
 from impulse_control_ros.files.run_parameters import DEFAULT_JOINT, RunParameters
 from impulse_control_ros.files.topic_choice import (
     absolute,
@@ -193,7 +193,11 @@ class BagContent:
                 for topic, messages in found.items()
             }
         runs = {
-            topic: {run.source.run for run in runs_in(messages, self.joint, self.is_ours)}
+            topic: {
+                origin.header.run
+                for origin, count in messages.counts()
+                if count and (origin.header.run or origin.joint == self.joint)
+            }
             for topic, messages in found.items()
         }
         chosen = [
@@ -228,7 +232,7 @@ class BagContent:
                 'the stamps of its states are 0: --time log takes the times at which they were '
                 'recorded'
             )
-        by_place = not self.is_ours and is_reset_clock(states.sent)
+        by_place = not self.is_ours and is_by_place(states.sent)
         if by_place:
             states, *answers = (part._replace(sent=part.place) for part in series)
             rows['stamp'] = np.concatenate(

@@ -179,17 +179,19 @@ def restarts(times: np.ndarray) -> list[int]:
     ]
 
 
-def is_reset_clock(sent: np.ndarray) -> bool:
+def is_by_place(sent: np.ndarray) -> bool:
     """
-    Tell whether times [ns], in the order of the bag, are those of a clock that was set back.
+    Tell whether the order of a bag says more than the times [ns] of its messages, in that order.
 
-    So is one that stands still. Messages in no order at all go back more often, or by chance.
+    So it is where the clock is coarse, and where it was set back. Messages in no order at all go
+    back more often, or by chance.
     """
-    if len(sent) and sent.min() == sent.max():
-        return True
+    steps = np.diff(sent)
     starts = restarts(sent)
-    back = np.count_nonzero(np.diff(sent) < 0)
-    return bool(starts) and len(starts) == back and bool(np.diff([0, *starts]).min() >= LATE)
+    if not starts:
+        return bool((steps >= 0).all() and (steps == 0).any())
+    back = np.count_nonzero(steps < 0)
+    return len(starts) == back and bool(np.diff([0, *starts]).min() >= LATE)
 
 
 def messages_of_others(messages: Messages, source: Source) -> Counter[str]:

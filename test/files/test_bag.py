@@ -352,5 +352,5 @@ def test_a_bag_of_another_writer_is_read_in_the_order_of_time(tmp_path, chunked)
 
 
 def test_a_folder_without_a_file_is_refused(tmp_path):
-    with pytest.raises(BagError, match='0 .mcap files'):
+    with pytest.raises(BagError, match='has no .mcap or .db3 file'):
         read_bag(tmp_path)

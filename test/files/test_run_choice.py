@@ -7,7 +7,7 @@ import pytest
 
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.errors import BagError
-from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
 from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import RUN, START, STEP
 from test.tools.bags import (
@@ -25,6 +25,8 @@ from test.tools.bags import (
     sent,
     STATES,
     told,
+    TOPICS,
+    TYPES,
     WALL,
 )
 
@@ -76,16 +78,17 @@ def restarted(tmp_path, made, short, long):
     )
 
 
-def test_the_longest_of_several_runs_is_read_and_the_others_are_counted(restarted, short, long):
+def test_the_last_of_several_runs_is_read_and_the_others_are_counted(restarted, short, long):
     recording = read_bag(restarted)
     assert (recording.run, is_of(recording, long)) == (OTHER_RUN, True)
     assert recording.lacks == [f'run {RUN} is left out ({2 * 201 + len(short.events)} messages)']
     assert recording.states['is_reset'].tolist() == [True] + [False] * 300
 
 
-def test_a_run_is_read_by_its_name(restarted, short):
-    recording = read_bag(restarted, RUN)
-    assert (recording.run, is_of(recording, short)) == (RUN, True)
+def test_a_run_is_read_by_its_name_or_number(restarted, short):
+    for name in (RUN, '1', 1):
+        recording = read_bag(restarted, name)
+        assert (recording.run, is_of(recording, short)) == (RUN, True)
     with pytest.raises(BagError, match=f'run none is not in it; its runs: {RUN}, {OTHER_RUN}'):
         read_bag(restarted, 'none')
 
@@ -124,38 +127,157 @@ def state(k, position=0.5, run='', episode=0, controller=''):
     return START + k * STEP, STATES, layout.encode(1, k * STEP, position, 0.0, 0.0)
 
 
-@pytest.mark.parametrize('shift', [0, 30_000])
-@pytest.mark.parametrize('longest', [0, 1])
-def test_a_foreign_plant_whose_time_goes_back_has_two_runs(tmp_path, shift, longest):
-    layout, counts = JointStateLayout('axis'), [60, 60]
-    counts[longest] += 20
-    messages = [
-        (0, STATES, layout.encode(1, k * STEP + number * shift, number, 0.0, 0.0))
-        for number, count in enumerate(counts)
-        for k in range(count)
-    ]
-    recording = read_bag(recorded_elsewhere(tmp_path / 'bag', sent(messages)))
-    assert recording.states['position'].tolist() == [longest] * 80
+def moved(tmp_path, *runs, clock=None, every=1000):
+    """
+    Return a bag of a foreign plant, of (first tick, count, position) for each run.
+
+    The time of each message is that of the wall, or of a ``clock`` that tells it from the tick.
+    """
+    layout = JointStateLayout('axis')
+    ticks = [(first + k, x) for first, count, x in runs for k in range(count)]
+    return recorded_elsewhere(
+        tmp_path / 'bag',
+        (
+            (
+                clock(k) if clock else WALL + at * every,
+                '/joint_states',
+                TYPES[STATES],
+                layout.encode(1, k * STEP, x, 0.0, 0.0),
+            )
+            for at, (k, x) in enumerate(ticks)
+        ),
+    )
+
+
+@pytest.mark.parametrize('clock', [None, lambda k: START + k * STEP, lambda k: START])
+@pytest.mark.parametrize('counts', [(60, 80), (80, 60), (80, 3)])
+@pytest.mark.parametrize('first', [0, 1000, 1003])
+def test_a_foreign_plant_whose_time_goes_back_has_two_runs_the_last_is_read(
+    tmp_path, clock, counts, first
+):
+    bag = moved(tmp_path, (1000, counts[0], 0.0), (first, counts[1], 1.0), clock=clock)
+    for name, number in (('', 2), ('1', 1), ('2', 2)):
+        recording = read_bag(bag, name)
+        assert recording.states['position'].tolist() == [number - 1.0] * counts[number - 1]
+        assert (np.diff(recording.states['stamp']) == STEP).all()
+        assert recording.lacks == [
+            f'time goes back: run {3 - number} of 2, which --run {3 - number} reads, is left out '
+            f'({counts[2 - number]} messages)',
+            'there are no commands',
+        ]
+    with pytest.raises(BagError, match='run 3 is not in it; its runs: 1, 2'):
+        read_bag(bag, '3')
+
+
+def test_states_that_come_late_are_no_other_run(tmp_path):
+    bag = moved(tmp_path, (0, 50, 0.0), (59, 21, 0.0), (50, 9, 0.0), (80, 20, 0.0), (99, 1, 7.0))
+    recording = read_bag(bag)
     assert (np.diff(recording.states['stamp']) == STEP).all()
     assert recording.lacks == [
-        'another part of it, in which time goes back, is left out (60 messages)',
+        'what repeats a stamp with other values is left out (1 messages)',
         'there are no commands',
     ]
 
 
-def test_two_foreign_plants_are_told_apart_by_their_namespace_alone(tmp_path):
-    left, right = ([state(k, position) for k in range(50)] for position in (0.0, 1.0))
+def test_stamps_of_zero_are_said_and_the_time_of_recording_serves_as_well(tmp_path):
+    layout = JointStateLayout('axis')
     bag = recorded_elsewhere(
         tmp_path / 'bag',
-        sorted([*sent(left, namespace='/left'), *sent(right, WALL + 3, namespace='/right')]),
+        (
+            (
+                WALL + k * STEP,
+                f'/{name}',
+                TYPES[STATES],
+                layout.encode(0, 0, k, 0, 5),
+            )
+            for k in range(50)
+            for name in ('joint_states', 'joint_commands')
+        ),
     )
+    with pytest.raises(BagError, match='the stamps of its states are 0: --time log takes'):
+        read_bag(bag)
+    recording = read_bag(bag, log_time=True)
+    assert recording.states['stamp'].tolist() == [WALL + k * STEP for k in range(50)]
+    assert recording.effort.tolist() == [5.0] * 50
+    assert recording.lacks == ['the parameters of the controller are missing']
+
+
+# -- systems ----------------------------------------------------------------------------------
+
+
+def two_systems(tmp_path, *messages):
+    left, right = ([state(k, position) for k in range(50)] for position in (0.0, 1.0))
+    return recorded_elsewhere(
+        tmp_path / 'bag',
+        sorted(
+            [
+                *sent(left, namespace='/left'),
+                *sent(right, WALL + 3, namespace='/right'),
+                *messages,
+            ]
+        ),
+    )
+
+
+def test_two_systems_are_told_apart_by_their_namespace_or_topic_alone(tmp_path):
+    bag = two_systems(tmp_path)
     with pytest.raises(
         BagError,
-        match="joint 'axis' has states in the namespaces /left, /right: choose one with --run",
+        match="states of joint 'axis' are on /left/joint_states, /right/joint_states: "
+        'choose one with --namespace /left or --topic /left/joint_states',
     ):
         read_bag(bag)
-    for name, position in (('/left', 0.0), ('/right', 1.0)):
-        assert read_bag(bag, name).states['position'].tolist() == [position] * 50
+    for name, position in (('left', 0.0), ('right', 1.0)):
+        for choice in (
+            {'namespace': name},
+            {'namespace': f'/{name}/'},
+            {'topics': [f'{name}/joint_states']},
+        ):
+            assert read_bag(bag, **choice).states['position'].tolist() == [position] * 50
+    for choice, why in (
+        ({'namespace': 'up'}, 'no topic in the namespace /up; its topics: /left/joint_states, '),
+        ({'topics': ['up']}, 'topic /up is not in it; its topics: /left/joint_states, '),
+        ({'namespace': 'left', 'joint': 'elbow'}, "no joint_states of joint 'elbow'"),
+    ):
+        with pytest.raises(BagError, match=why):
+            read_bag(bag, **choice)
+
+
+@pytest.mark.parametrize('name', ['joint_commands', 'impulse_events', 'damping'])
+def test_what_answers_is_that_of_the_namespace_or_the_only_one_or_refused(tmp_path, name):
+    number = next(number for number, one in TOPICS.items() if one == f'/{name}')
+    raw = encode_float64(2.0) if name == 'damping' else event(9, 2.0)[2]
+    messages = [
+        (WALL + 9001, f'{namespace}{name}', TYPES[number], raw) for namespace in ('/a/', '/b/')
+    ]
+    bag = two_systems(tmp_path, *messages)
+    with pytest.raises(BagError, match=f'{name} are on /a/{name}, /b/{name}: choose one with'):
+        read_bag(bag, namespace='left')
+    assert read_bag(bag, namespace='left', topics=[f'/b/{name}']).states['position'][0] == 0.0
+
+
+def test_a_topic_of_another_name_is_read_where_it_is_given(tmp_path):
+    messages = ((WALL + at, '/measured', TYPES[STATES], state(at)[2]) for at in range(20))
+    bag = recorded_elsewhere(tmp_path / 'bag', messages)
+    with pytest.raises(BagError, match='no joint_states'):
+        read_bag(bag)
+    assert len(read_bag(bag, topics=['/measured']).states) == 20
+
+
+def test_the_only_joint_is_taken_and_one_of_several_is_to_be_chosen(tmp_path):
+    def of(*joints):
+        layout = JointStateLayout(joints[0], 'base', joints=joints)
+        return recorded_elsewhere(
+            tmp_path / '_'.join(joints),
+            sent((0, STATES, layout.encode(1, k, 0.5, 0, 0)) for k in range(1, 9)),
+        )
+
+    assert len(read_bag(of('lift')).states) == 8
+    assert read_bag(of('grip', 'axis')).states['position'].tolist() == [0.0] * 8
+    bag = of('lift', 'grip')
+    with pytest.raises(BagError, match='its joints are grip, lift: choose one with --joint'):
+        read_bag(bag)
+    assert read_bag(bag, joint='lift').states['position'].tolist() == [0.5] * 8
 
 
 # -- controllers ------------------------------------------------------------------------------
