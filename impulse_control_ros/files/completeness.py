@@ -90,9 +90,12 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
 
 
 def of_parameters(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Report the nodes whose parameters are missing."""
+    """Report the nodes whose parameters are missing, and a set-point before the first known."""
     if run.source.run and not any(change.is_plant for change in changes):
         yield 'the parameters of the plant are missing'
+    told = next((change for change in changes if 'x_r' in change.values), None)
+    if told and 'x_r' in told.changed and told.stamp > run.series.states.stamps[0]:
+        yield f'the set-point before its change at {seconds(told.stamp)} s is missing'
     known = {change.node_id for change in changes if not change.is_plant}
     for name in authors(run.series.commands):
         if name == FOREIGN and run.source.run:

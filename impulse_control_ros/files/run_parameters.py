@@ -91,7 +91,7 @@ class RunParameters:
         run, node_id = parse_node(node)
         if topic == PARAMETER_EVENTS:
             before = self._values.get(node_id)
-            changed = {} if before is None else {**values, **changed}
+            changed = changed if before is None else {**values, **changed}
             values = self._values[node_id] = {**(before or {}), **values, **changed}
         return Change(sec * SECOND + nanosec, node_id, values, changed, run, topic, logged, place)
 

@@ -1,5 +1,6 @@
 """A bag played by rosbag2 reaches our nodes: what it would offer, against what they request."""
 
+import pytest
 from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
@@ -13,7 +14,9 @@ from std_msgs.msg import Float64
 import yaml
 
 from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.files.topics import offered_on, SERIES_DEPTH
 from impulse_control_ros.nodes.topics import qos_keys
+from test.conftest import ROOT
 from test.nodes.runs import Run
 
 NEEDED = {
@@ -95,3 +98,16 @@ def test_play_offers_every_node_what_it_requests_and_a_bag_says_what_was_offered
             'history': keys['history'],
             'depth': keys['depth'],
         } == keys
+
+
+@pytest.mark.parametrize(('name', 'topics'), [('record', 5), ('play', 2)])
+def test_the_overrides_for_ros2_bag_reach_and_are_reached_by_our_nodes(name, topics):
+    overrides = yaml.safe_load((ROOT / 'qos' / f'{name}.yaml').read_text())
+    assert len(overrides) == topics
+    for topic, keys in overrides.items():
+        ours = profile({**UNRECORDED, **offered_on(topic.strip('/'))})
+        theirs = profile({**UNRECORDED, **keys})
+        pair = (ours, theirs) if name == 'record' else (theirs, ours)
+        assert qos_check_compatible(*pair)[0] == QoSCompatibility.OK
+    depth = overrides['/joint_states']['depth']
+    assert depth == {'record': 20_000, 'play': SERIES_DEPTH}[name]

@@ -19,6 +19,7 @@ from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
 from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
+from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import NAME
 from test.command_lines import status_of
@@ -31,6 +32,7 @@ from test.tools.bags import (
     entries,
     experiment,
     finished,
+    PARAMETERS,
     recorded,
     recorded_elsewhere,
     sent,
@@ -317,9 +319,55 @@ def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
         0,
         [
             f'analyze: warning: {tmp_path}/bag: incomplete: the bag begins in mid-run, at '
-            '1.100000000 s; the controller may already have been active'
+            '1.100000000 s; the controller may already have been active',
+            f'analyze: warning: {tmp_path}/bag: settling times count from its first state, when '
+            'the run had begun; --set-point-change takes another of its 1 responses',
         ],
     )
+
+
+def moving_robot(folder):
+    """Return a bag that begins while a robot moves; its set-point changes after 0.2 s."""
+    layout, values = JointStateLayout('axis', 'base'), {'x_r': 0.1}
+    messages = [
+        (START, STATES, layout.encode(1, k * 10**6, 0.5 - 0.001 * k, -1.0 * (k < 300), 0.0))
+        for k in range(400)
+    ]
+    for at, changed in ((200, {'x_r': 0.2}), (0, {})):
+        raw = encode_parameter_event(1, at * 10**6, '/law', values | changed, changed)
+        messages.insert(at, (START, PARAMETERS, raw))
+    return recorded_elsewhere(folder, sent(messages))
+
+
+def test_a_response_of_a_bag_that_begins_in_mid_run_is_chosen_by_its_number(tmp_path, capsys):
+    bag = moving_robot(tmp_path / 'bag')
+    every = responses(capsys, bag, '--all')
+    assert [one['samples'] for one in every] == [200, 200]
+    assert responses(capsys, bag) == [{**every[1], 'bag': 'bag'}]
+    for number in (1, 2):
+        (got,) = responses(capsys, bag, '--set-point-change', number)
+        assert got == every[number - 1]
+        _, _, err = analyzed(capsys, bag, '--set-point-change', number)
+        assert 'at 1.000000000 s; the axis is already moving' in err[0]
+        assert ('settling times count from its first state' in err[-1]) == (number == 1)
+    for number in (0, 3):
+        code, _, err = analyzed(capsys, bag, '--set-point-change', number)
+        assert code == 2
+        assert err[-1].endswith(
+            f'--set-point-change {number}: must be in [1, 2], the responses that --all shows'
+        )
+
+
+def test_a_set_point_that_is_given_counts_in_place_of_what_the_bag_tells(tmp_path, capsys):
+    bag = moving_robot(tmp_path / 'bag')
+    for x_r in (0.2, -0.5):
+        (got,) = responses(capsys, bag, '--set-point', x_r)
+        assert got['samples'] == 400
+        assert got['final_error'] == pytest.approx(0.101 - x_r)
+    bag = of_a_robot(tmp_path / 'robot', np.linspace(0.5, 0.0, 100))
+    (got,) = responses(capsys, bag, '--set-point', 0.1)
+    assert got['final_error'] == pytest.approx(-0.1)
+    assert 'x_r' not in '\n'.join(analyzed(capsys, bag, '--set-point', 0.1)[2])
 
 
 def test_a_run_of_several_is_analysed_by_its_name(tmp_path, capsys):
@@ -386,8 +434,8 @@ def one_state(path, bag):
     )
 
 
-def another_joint(path, bag):
-    raw = JointStateLayout('elbow').encode(1, 0, 0, 0, 0)
+def other_joints(path, bag):
+    raw = JointStateLayout('elbow', joints=('elbow', 'wrist')).encode(1, 0, 0, 0, 0)
     with_topic('/joint_states', 'sensor_msgs/msg/JointState', raw)(path, bag)
 
 
@@ -397,9 +445,9 @@ def without_messages(path, bag):
 
 BAD = {
     'no such path': (lambda path, bag: None, 'does not exist'),
-    'empty folder': (empty_folder, 'has 0 .mcap files'),
+    'empty folder': (empty_folder, 'has no .mcap or .db3 file'),
     'empty file': (content(b''), 'no MCAP file'),
-    'another kind of file': (content(b'SQLite format 3\0' * 100), 'no MCAP file'),
+    'another kind of file': (content(b'SQLite format 3\0' * 100), 'file is not a database'),
     'flipped byte': (flipped, 'damaged'),
     'truncated in its head': (cut_before_a_chunk, 'there are 0 states'),
     'no messages': (without_messages, 'there are 0 states'),
@@ -412,7 +460,7 @@ BAD = {
         with_topic('/joint_states', 'std_msgs/msg/Float64', encode_float64(1.0)),
         'no joint_states .* /joint_states \\(std_msgs/msg/Float64\\)',
     ),
-    'another joint': (another_joint, "no joint_states of joint 'axis'"),
+    'other joints': (other_joints, 'its joints are elbow, wrist: choose one with --joint'),
 }
 
 
@@ -462,6 +510,10 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_no_sample(tmp_path_factory
     [
         ([], 'BAG'),
         (['{bag}', '--format', 'xml'], 'xml'),
+        (['{bag}', '--set-point', 'nan'], '--set-point nan: must be finite'),
+        (['{bag}', '--check', '--set-point', '1'], '--check: must stand without .*--set-point'),
+        (['{bag}', '--all', '--set-point-change', '1'], 'must stand without --all'),
+        (['{bag}', '--time', 'wall'], 'wall'),
         (['{bag}', '{bag}'], 'given twice'),
         (['{bag}', '--report', 'r.pdf'], r'r.pdf: .* \.html'),
         (['{bag}', '--figure', 'f.gif'], r'f.gif: .* \.pdf or \.png'),

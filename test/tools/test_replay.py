@@ -9,6 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 from impulse_control_ros.core.protocol import parse_command
 from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.mcap_reader import Column, columns
+from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.files.topics import FLOAT64, SERIES
 from test.command_lines import status_of
@@ -185,6 +186,26 @@ def rewritten(bag, folder, change=lambda topic, number, raw: raw):
     writer.write(sorted(entries, key=lambda entry: entry[0]))
     writer.close()
     return folder
+
+
+def test_a_bag_that_tells_no_parameters_is_answered_by_those_of_a_file(tmp_path, capsys):
+    bag = simulated(tmp_path / 'run', 'underdamped', 0.1)[0]
+    other = encode_parameter_event(1, 0, 'run:ffffffff /other', {'m': 1.0}, {})
+    bare = rewritten(
+        bag,
+        tmp_path / 'bare',
+        lambda topic, number, raw: other if topic == '/run_parameters' else raw,
+    )
+    assert status_of('replay', bare, '--controller') == 2
+    assert 'replay --controller --params FILE takes them from a file' in capsys.readouterr().err
+    assert status_of('replay', bare, '--controller', '-p', 'K:=3') == 2
+    capsys.readouterr()
+    file = CONFIG / 'underdamped.yaml'
+    assert status_of('replay', bare, '--controller', '--params', file) == 0
+    said = capsys.readouterr().out
+    assert ' 1001 compared, 0 differ' in said
+    assert status_of('replay', bare, '--controller', '--params', file, '-p', 'K:=3') == 1
+    assert 'it differs' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('topic', ['joint_states', 'joint_commands', 'impulse_events', 'damping'])
