@@ -146,6 +146,8 @@ def answered_states(
     if runs_freely(recording):
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
+    if not len(states):
+        raise BagError('no command in it answers one of its states')
     pieces = pieces_of(recording, states['stamp'], states['is_reset'], overrides)
     return states, pieces, answered(states['position'], states['velocity'], pieces)
 

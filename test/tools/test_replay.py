@@ -17,7 +17,7 @@ from test.conftest import CONFIG
 from test.files.test_bag import QOS
 from test.nodes.runs import stamp_of, STEP
 from test.tools.bags import recorded as simulated
-from test.tools.test_analyze import BAD
+from test.tools.test_analyze import BAD, of_a_robot
 
 LAST = 3_000_000_000
 
@@ -326,6 +326,10 @@ def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
         ),
     )
     assert status_of('replay', without, '--controller') == 2
+    assert 'no command in it answers one of its states' in capsys.readouterr().err
+    foreign = of_a_robot(tmp_path / 'robot', [0.5] * 20)
+    file = CONFIG / 'underdamped.yaml'
+    assert status_of('replay', foreign, '--controller', '--params', file) == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
 
 
