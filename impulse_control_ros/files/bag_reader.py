@@ -163,6 +163,8 @@ def messages_of(database: sqlite3.Connection, topics: dict[int, str]) -> Iterato
     part: list[sqlite3.Row] = []
     size = 0
     for row in database.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id'):
+        if not isinstance(row['data'], bytes):
+            raise ValueError('it is damaged: a message has no bytes')
         part.append(row)
         size += len(row['data'])
         if size >= PART:

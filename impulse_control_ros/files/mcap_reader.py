@@ -179,10 +179,6 @@ def columns_of(records: bytes, topics: dict[int, str]) -> Iterator[Item]:
     for at in others.tolist():
         yield from items_of(records[at], records[at:], topics)
     headers = rows_at(content, messages, ROOM).view(HEADER).ravel()
-    if unknown := {*np.unique(headers['channel']).tolist()} - topics.keys():
-        raise ValueError(
-            f'messages on channel {min(unknown)}, which no record before them defines'
-        )
     yield from by_topic(
         topics,
         headers['channel'],
@@ -203,17 +199,24 @@ def by_topic(
     start: np.ndarray,
     size: np.ndarray,
 ) -> Iterator[Column]:
-    """Yield the columns of n messages, whose arrays have shape (n,), from their ``content``."""
+    """
+    Yield the columns of n messages, whose arrays have shape (n,), from their ``content``.
+
+    Raises ValueError for those of a channel that is not among the ``topics``.
+    """
+    numbers = np.unique(channel).tolist()
+    if unknown := [number for number in numbers if number not in topics]:
+        raise ValueError(
+            f'messages are on channel {unknown[0]}, which nothing before them defines'
+        )
     packed = np.flatnonzero(size >= len(ZSTD))
     heads = rows_at(content, start[packed], len(ZSTD))
     packed = packed[(heads == np.frombuffer(ZSTD, np.uint8)).all(axis=1)]
     if len(packed):  # rosbag2 can compress each message
         content, start, size = unpacked(content, start, size, {*packed.tolist()})
-    for number in np.unique(channel):
+    for number in numbers:
         ours = channel == number
-        yield Column(
-            topics[int(number)], time[ours], stamp[ours], content, start[ours], size[ours]
-        )
+        yield Column(topics[number], time[ours], stamp[ours], content, start[ours], size[ours])
 
 
 def unpacked(
