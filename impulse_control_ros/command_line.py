@@ -57,16 +57,16 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_selection(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what to read of a bag; `selection` returns their values."""
-    group = parser.add_argument_group('what to read of a bag')
+    """Add the options that select a part of a bag; `selection` returns their values."""
+    group = parser.add_argument_group('part of the bag to read')
     group.add_argument(
         '--run',
         metavar='RUN',
         default='',
-        help='of several runs, the one with this number or id; the last one if not given',
+        help='the run with this number or id (default: the last one)',
     )
     group.add_argument(
-        '--namespace', metavar='NS', default='', help='the namespace of the topics of one system'
+        '--namespace', metavar='NS', default='', help='the system with topics in this namespace'
     )
     group.add_argument(
         '--topic',
@@ -74,25 +74,25 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         dest='selected',
         action='append',
         default=[],
-        help='of several topics of joint_states, joint_commands, ..., the one to read; one with '
-        'another name has the states; may be repeated',
+        help='the topic to read if there are several of a kind (joint_states, joint_commands, '
+        '...); a topic of another name is read as joint_states; may be repeated',
     )
     group.add_argument(
         '--joint',
         metavar='JOINT',
         default='',
-        help='the joint; that of the parameters in the bag, axis, or the only one if not given',
+        help='the joint (default: that of the recorded parameters, axis, or the only one)',
     )
     group.add_argument(
         '--time',
         choices=('stamp', 'log'),
         default='stamp',
-        help='what tells the time of a state: its stamp (default), or when it was recorded',
+        help='time of a state: its stamp or the time of recording (default: %(default)s)',
     )
 
 
 def selection(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what to read of a bag, as arguments of `read_bag`; only what was given."""
+    """Return the given options of `add_selection` as arguments of `read_bag`."""
     given = {
         'run': options.run,
         'namespace': options.namespace,

@@ -1,4 +1,4 @@
-"""The messages of a bag that are of interest, by their kind and topic."""
+"""Collect the messages of a bag that belong to runs, by kind and topic."""
 
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ KINDS: dict[str, np.dtype[Any]] = {
 
 
 def only(joints: Collection[str]) -> str:
-    """Return the one joint; raises ValueError for several."""
+    """Return the only joint; raises ValueError for several."""
     if len(joints) > 1:
         raise ValueError(f'its joints are {", ".join(sorted(joints))}: choose one with --joint')
     return next(iter(joints))
@@ -55,10 +55,10 @@ def only(joints: Collection[str]) -> str:
 
 class System(NamedTuple):
     """
-    The messages of one system: its ``series``, and ``damping`` by publish times.
+    The messages of one system: its ``series``, and ``damping`` with publish times as stamps.
 
-    ``namespace`` is that of its states. Where the clock of the recorder was set back,
-    ``by_place``, times of publishing and recording are places in the bag.
+    ``namespace`` is the namespace of its states. If ``by_place``, the publish times are replaced
+    by positions in the bag, because the recorder's clock was coarse or was set back.
     """
 
     series: Series
@@ -68,7 +68,7 @@ class System(NamedTuple):
 
 
 class BagContent:
-    """What has been read of a bag so far; messages of several joints are about ``joint``."""
+    """The contents of a bag read so far; messages of several joints are read for ``joint``."""
 
     def __init__(self, selection: Selection, joint: str) -> None:
         self.selection, self.joint = selection, joint
@@ -86,11 +86,11 @@ class BagContent:
 
     @property
     def is_ours(self) -> bool:
-        """Whether our recorder has made it, or the like of it."""
+        """Whether our recorder, or a compatible writer, made the bag."""
         return self.about is not None
 
     def add(self, item: Item) -> None:
-        """Take what a file holds."""
+        """Add an item of a file."""
         if isinstance(item, Column):
             self._add_messages(item)
         elif isinstance(item, Schema):
@@ -108,7 +108,7 @@ class BagContent:
             self.summary = item.metadata
 
     def _add_messages(self, column: Column) -> None:
-        """Take the messages of a topic."""
+        """Add the messages of a topic."""
         topic = column.topic
         self._topics.add(topic)
         if column.content is not self._content:
@@ -135,9 +135,9 @@ class BagContent:
             self.parameters.add(column, place)
 
     def _role(self, topic: str) -> str:
-        """Return what a topic is by its name; one that is selected by another name has states."""
+        """Return the kind of a topic by its name; a selected topic of another name has states."""
         ours = {role: name for role, name in (self.about or {}).items() if role in ROLES}
-        if ours and topic.rpartition('/')[2] in ROLES:  # of one plant, whatever else is recorded
+        if ours and topic.rpartition('/')[2] in ROLES:  # our recorder records one plant
             return next((role for role, name in ours.items() if name == topic), '')
         name = next((role for role, of in ours.items() if of == topic), topic.rpartition('/')[2])
         is_selected = topic in map(absolute, self.selection.topics)
@@ -145,9 +145,9 @@ class BagContent:
 
     def joint_told(self) -> str:
         """
-        Return the joint to read: that of the parameters, `DEFAULT_JOINT`, or the only one.
+        Return the joint to read: selected, from parameters, `DEFAULT_JOINT`, or the only one.
 
-        Raises ValueError for several others.
+        Raises ValueError if several joints remain.
         """
         if self.selection.joint:
             return self.selection.joint
@@ -163,9 +163,9 @@ class BagContent:
 
     def system(self) -> System:
         """
-        Return the messages of one system, once.
+        Return the messages of the system; may be called only once.
 
-        Raises ValueError where there are several, no states, or only states without a stamp.
+        Raises ValueError for several systems, without states, or if all stamps are 0.
         """
         require_selected(self.selection, self._topics)
         read = {
@@ -186,7 +186,7 @@ class BagContent:
         return self._timed(every, damping, near)
 
     def _with_states(self, found: Mapping[str, Messages]) -> dict[str, Messages]:
-        """Return the messages of the topics that have states of the joint, or of a chosen run."""
+        """Return the messages by topic, of topics with states of the joint or selected run."""
         if self.selection.joint:
             found = {
                 topic: messages.from_origins(lambda origin: origin.joint == self.joint)
@@ -206,7 +206,7 @@ class BagContent:
         return {topic: found[topic] for topic in chosen or found if runs[topic]}
 
     def _one(self, role: str, found: Mapping[str, Messages], near: str) -> Messages:
-        """Return the messages of the one topic of a ``role``, as near as there is any."""
+        """Return the messages of the topic of a ``role``."""
         topic = one_of(
             role,
             [name for name, messages in found.items() if len(messages.rows)],
@@ -222,7 +222,7 @@ class BagContent:
     def _timed(
         self, series: Series, damping: list[tuple[np.ndarray, np.ndarray]], near: str
     ) -> System:
-        """Return a system whose messages have the stamps, and the order, that were asked for."""
+        """Return a system with the selected stamps, in the order of recording."""
         states, *answers = series
         rows = np.concatenate([np.zeros(0, DAMPING_ROWS), *(part for part, _ in damping)])
         if self.selection.log_time:
@@ -244,7 +244,7 @@ class BagContent:
         return System(Series(states.where(states.stamps > 0), *answers), rows, near, by_place)
 
     def _note_stamps(self, states: Messages, commands: Messages) -> None:
-        """Note the messages that have no stamp."""
+        """Add notes on messages without a stamp."""
         if missing := int(np.count_nonzero(states.stamps == 0)):
             self.notes.append(f'{missing} states with a stamp of 0 are left out')
         if len(commands.rows) and not commands.stamps.any():
@@ -254,7 +254,7 @@ class BagContent:
             )
 
     def _typed(self, topic: str) -> str:
-        """Return a topic with its type, where that is known, and with an encoding but CDR."""
+        """Return a topic with its type, if known, and its encoding, if not CDR."""
         channel, kind = self._channels[topic]
         encoding = channel.message_encoding
         told = [*filter(None, [kind, '' if encoding == 'cdr' else f'encoded as {encoding!r}'])]

@@ -1,8 +1,8 @@
 """
-What a bag holds, whichever way it is stored.
+Read bags of every rosbag2 storage: MCAP or sqlite3, in one file or several, compressed or not.
 
-A bag is a file or a rosbag2 folder: MCAP or sqlite3, in one file or split, each file or message
-compressed with zstd or not. The content of a file tells what it is, not its name.
+zstd compresses chunks, messages or files. The format of a file is detected from its first bytes.
+sqlite3 databases are read in the order of recording: their timestamps may go back.
 """
 
 from collections.abc import Iterator
@@ -32,11 +32,11 @@ from impulse_control_ros.files.mcap_writer import MAGIC
 
 STORAGE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
 SQLITE, ROSBAG1 = b'SQLite format 3\0', b'#ROSBAG V'
-PART = 1 << 20  # bytes of messages that are held at once
+PART = 1 << 20  # bytes of messages in memory
 
 
 def items(bag: str | Path) -> Iterator[Item]:
-    """Yield what a bag holds, file by file; raises `BagError` for what is none."""
+    """Yield the contents of a bag, file by file; raises `BagError` if it is invalid."""
     bag = Path(bag)
     if not bag.exists():
         raise BagError(f'bag {str(bag)!r} does not exist')
@@ -50,9 +50,9 @@ def items(bag: str | Path) -> Iterator[Item]:
 
 def files_of(folder: Path) -> tuple[list[Path], list[Note]]:
     """
-    Return the files of a bag in their order, and what is to be said of it.
+    Return the files of a bag in order, and notes on the files that are missing or left out.
 
-    The order is that of metadata.yaml, or of the names where it is missing.
+    The order is that of metadata.yaml, or by name if there is none or its files were renamed.
     """
     there = {file.name: file for file in sorted(folder.iterdir(), key=natural) if is_storage(file)}
     names = listed(folder / 'metadata.yaml')
@@ -81,19 +81,19 @@ def files_of(folder: Path) -> tuple[list[Path], list[Note]]:
 
 
 def natural(path: Path) -> list[tuple[int, str]]:
-    """Return the key by which bag_10 comes after bag_9."""
+    """Return a sort key that puts bag_10 after bag_9."""
     return [(int('0' + digits), text) for text, digits in re.findall(r'(\D*)(\d*)', path.name)]
 
 
 def is_storage(file: Path) -> bool:
-    """Tell whether a file holds messages, by its name; of two the one that is not compressed."""
+    """Tell by its name whether a file has messages; false if it is also there uncompressed."""
     if not STORAGE.fullmatch(file.name) or not file.is_file():
         return False
     return file.suffix != '.zstd' or not file.with_suffix('').exists()
 
 
 def listed(metadata: Path) -> list[str]:
-    """Return the names of files that a metadata.yaml lists, none where it cannot be read."""
+    """Return the file names that a metadata.yaml lists, none if it cannot be read."""
     try:
         content = yaml.safe_load(metadata.read_text())['rosbag2_bagfile_information']
         return [PurePosixPath(path).name for path in content['relative_file_paths']]
@@ -102,7 +102,7 @@ def listed(metadata: Path) -> list[str]:
 
 
 def items_of(file: Path) -> Iterator[Item]:
-    """Yield what one file holds; raises `BagError`."""
+    """Yield the contents of one file; raises `BagError` if it is invalid."""
     with naming(file), file.open('rb') as stream:
         head = stream.read(len(SQLITE))
     if head.startswith(MAGIC):
@@ -112,17 +112,19 @@ def items_of(file: Path) -> Iterator[Item]:
     elif head.startswith(ZSTD):
         yield from items_of_compressed(file)
     elif head.startswith(ROSBAG1):
-        raise BagError(f'{file}: this is a bag of ROS 1; rosbags-convert makes one of ROS 2 of it')
+        raise BagError(f'{file}: this is a ROS 1 bag; convert it with rosbags-convert')
     else:
         raise BagError(f'{file}: this is no MCAP file and no sqlite3 database')
 
 
 def items_of_compressed(file: Path) -> Iterator[Item]:
-    """Yield what a file holds that is compressed as a whole."""
+    """Yield the contents of a compressed file."""
     with TemporaryDirectory() as folder:
         plain = Path(folder, file.name.removesuffix('.zstd'))
         with naming(file), file.open('rb') as source, plain.open('wb') as target:
             ZstdDecompressor().copy_stream(source, target)
+        if not plain.stat().st_size:
+            raise BagError(f'{file}: it was cut off: none of its content can be decompressed')
         try:
             yield from items_of(plain)
         except BagError as error:
@@ -130,8 +132,8 @@ def items_of_compressed(file: Path) -> Iterator[Item]:
 
 
 def items_of_database(file: Path) -> Iterator[Item]:
-    """Yield what a sqlite3 file holds, messages in the order in which they were recorded."""
-    # one without a log beside it is opened in a folder, too, that cannot be written
+    """Yield the contents of a sqlite3 file, messages in the order of recording."""
+    # without a write-ahead log, immutable also opens a database in a read-only folder
     has_log = file.with_name(f'{file.name}-wal').exists()
     address = f'{file.absolute().as_uri()}?mode=ro{"" if has_log else "&immutable=1"}'
     try:
@@ -147,7 +149,7 @@ def items_of_database(file: Path) -> Iterator[Item]:
 
 
 def described(topic: dict[str, Any]) -> Iterator[Item]:
-    """Yield a row of the table of topics as the records of an MCAP file."""
+    """Yield the MCAP records for a row of the table of topics."""
     yield Schema(id=topic['id'], name=topic['type'], encoding='', data=b'')
     yield Channel(
         id=topic['id'],
@@ -159,7 +161,7 @@ def described(topic: dict[str, Any]) -> Iterator[Item]:
 
 
 def messages_of(database: sqlite3.Connection, topics: dict[int, str]) -> Iterator[Column]:
-    """Yield the messages, some at a time."""
+    """Yield the messages in parts of about `PART` bytes."""
     part: list[sqlite3.Row] = []
     size = 0
     for row in database.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id'):
@@ -175,7 +177,7 @@ def messages_of(database: sqlite3.Connection, topics: dict[int, str]) -> Iterato
 
 
 def columns_of_rows(rows: list[sqlite3.Row], topics: dict[int, str]) -> Iterator[Column]:
-    """Yield the columns of rows of the table of messages."""
+    """Return the columns for rows of the table of messages."""
     channel, time, data = zip(*rows, strict=True)
     times = np.array(time, np.int64)
     size = np.fromiter(map(len, data), np.int64, len(data))

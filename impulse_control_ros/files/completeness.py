@@ -12,7 +12,7 @@ from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.run_choice import OneRun
 from impulse_control_ros.files.run_parameters import acting, Change
 
-MOVING = 0.1  # of the largest speed; less may be noise
+MOVING = 0.1  # part of the peak speed below which an axis counts as standing
 NO_EVENT = 'commands name a guard whose event is missing'
 
 
@@ -54,9 +54,9 @@ def of_states(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
 
 def is_mid_run(states: np.ndarray, run: str) -> bool:
     """
-    Tell whether a run had begun before its first state: one of ours starts with a reset.
+    Tell whether a run began before its first state; the first state of our runs is a reset.
 
-    A foreign plant (``run`` '') does not tell, but an axis is at rest before it is controlled.
+    A run of a foreign plant (``run`` '') is assumed to start at rest.
     """
     if run:
         return not states['is_reset'][0]

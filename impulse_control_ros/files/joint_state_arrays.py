@@ -49,21 +49,21 @@ Known = tuple[JointStateLayout | None, int]  # a layout and the number of its or
 
 
 class Source(NamedTuple):
-    """Whose states: those of a ``run``, or of a foreign plant, ''."""
+    """The source of states: a ``run``, or a foreign plant (run '')."""
 
     run: str
     joint: str
 
 
 class Origin(NamedTuple):
-    """Where messages of a topic come from: their joint, and their header."""
+    """The origin of messages of a topic: their joint, and their header."""
 
     joint: str
     header: StateHeader | CommandHeader
 
     @property
     def source(self) -> Source:
-        """Whose the message is, if it is a state."""
+        """The source of the message, if it is a state."""
         return Source(self.header.run, self.joint)
 
     @property
@@ -82,8 +82,8 @@ class Messages(NamedTuple):
     """
     Messages of a topic, shape (n,).
 
-    ``sent`` is when each was published [ns], ``place`` where it stands in the bag, ``origin`` the
-    number of its origin in ``origins``.
+    ``sent`` is the publish time [ns] of each, ``place`` its position in the bag, ``origin`` the
+    index of its origin in ``origins``.
     """
 
     rows: np.ndarray
@@ -129,9 +129,9 @@ class Messages(NamedTuple):
 
 class JointStateTable:
     """
-    The messages of one topic, as rows of ``kind``; of several joints ``joint``.
+    The messages of one topic as rows of dtype ``kind``, for ``joint`` if there are several.
 
-    ``joints`` are all that its messages name.
+    ``joints`` are the names of all joints in the messages.
     """
 
     def __init__(self, kind: np.dtype[Any], joint: str) -> None:
@@ -146,7 +146,7 @@ class JointStateTable:
         self.joints: set[str] = set()
 
     def add(self, column: Column, place: np.ndarray, in_place: bool) -> None:
-        """Take messages; where they are ``in_place``, those whose publish time is their stamp."""
+        """Add messages; if ``in_place``, only messages whose publish time is their stamp."""
         count = len(column.time)
         rows, origin = np.zeros(count, self._kind), np.full(count, NOT_OURS, np.int32)
         for which, content in column.same_size():
@@ -184,7 +184,7 @@ class JointStateTable:
         return rows, origin
 
     def _known(self, raw: bytes) -> Known:
-        """Return the layout of a message, None for no message, and the number of its origin."""
+        """Return the layout of a message, None if invalid, and the number of its origin."""
         layout = layout_in(raw, self._joint) or layout_in(raw)
         self.joints.update(layout.joints if layout else ())
         if not (
@@ -233,10 +233,10 @@ class JointStateTable:
         return good
 
     def messages(self) -> Messages:
-        """Return what was read, once."""
+        """Return the messages read so far; may be called only once."""
         parts: tuple[list[np.ndarray], ...] = self._rows, self._sent, self._place, self._origin
         rows, sent, place, origin = (np.concatenate(part) for part in parts)
-        for part in parts:  # nothing is held twice
+        for part in parts:  # frees the memory of the parts
             part.clear()
         return Messages(rows, sent, place, origin, self._origins)
 

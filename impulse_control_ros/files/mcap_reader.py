@@ -1,8 +1,8 @@
 """
 Read the messages of an MCAP file as arrays: the library parses chunks, a kernel walks each.
 
-An object for each message costs microseconds; a minute of a 10 kHz series has 1.2 million. The
-file is read from its first record to its last, so it needs no chunks, indexes or summary.
+An object per message costs microseconds, and a minute of a 10 kHz run has 1.2 million messages.
+The file is read record by record, so chunks, indexes and a summary are optional.
 """
 
 from collections.abc import Iterator, Mapping
@@ -88,7 +88,7 @@ class Cut(NamedTuple):
 
 
 class Note(NamedTuple):
-    """A sentence about what a bag lacks."""
+    """A sentence about something that a bag lacks."""
 
     text: str
 
@@ -98,7 +98,7 @@ Item = Column | Metadata | Schema | Channel | Cut | Note
 
 def columns(path: Path) -> Iterator[Item]:
     """
-    Yield what an MCAP file holds, of one that was cut off as far as it goes and then `Cut`.
+    Yield the contents of an MCAP file; an unfinished file ends with a `Cut`.
 
     Raises `BagError` if a finished file is damaged.
     """
@@ -200,9 +200,9 @@ def by_topic(
     size: np.ndarray,
 ) -> Iterator[Column]:
     """
-    Yield the columns of n messages, whose arrays have shape (n,), from their ``content``.
+    Yield the columns of n messages in ``content``; the other arrays have shape (n,).
 
-    Raises ValueError for those of a channel that is not among the ``topics``.
+    Raises ValueError if a channel is not among the ``topics``.
     """
     numbers = np.unique(channel).tolist()
     if unknown := [number for number in numbers if number not in topics]:
@@ -222,7 +222,7 @@ def by_topic(
 def unpacked(
     content: np.ndarray, start: np.ndarray, size: np.ndarray, packed: set[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the content, starts and sizes of messages of which some are ``packed`` with zstd."""
+    """Return content, start and size after decompressing the ``packed`` messages with zstd."""
     messages = [
         content[at : at + length].tobytes() for at, length in zip(start, size, strict=True)
     ]

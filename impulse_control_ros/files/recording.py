@@ -102,7 +102,7 @@ class Recording(Trajectory):
 
     @property
     def begins_in_mid_run(self) -> bool:
-        """Whether the run had begun before the first state."""
+        """Whether the run began before the first state."""
         return bool(len(self.states)) and is_mid_run(self.states, self.run)
 
     def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
@@ -160,12 +160,11 @@ def read_bag(
     log_time: bool = False,
 ) -> Recording:
     """
-    Read a bag, of several runs the last one, or that with the number or id ``run``.
+    Read one run of a bag: the one with the number or id ``run``, or the last one by default.
 
-    Of several joints, of several systems in namespaces, and of several ``topics`` of one kind,
-    one is to be chosen, unless the parameters in the bag tell the joint. With ``log_time`` each
-    state has the time at which it was recorded as its stamp. Raises `BagError` for what is no
-    bag, without states, and where something is to be chosen.
+    ``joint``, ``namespace`` and ``topics`` select among several joints, systems and topics of one
+    kind. ``log_time`` replaces the stamps by the times of recording. Raises `BagError` for an
+    invalid bag, a bag without states, or an ambiguous selection.
     """
     selection = Selection(str(run), joint, namespace, topics, log_time)
     with naming(Path(bag)):
@@ -174,7 +173,7 @@ def read_bag(
             content.add(item)
             if not joint and content.parameters.joints - {DEFAULT_JOINT}:
                 break
-        if (told := content.joint_told()) != content.joint:  # from the start, for this joint
+        if (told := content.joint_told()) != content.joint:  # read again for this joint
             content = BagContent(selection, told)
             for item in items(bag):
                 content.add(item)
@@ -183,7 +182,7 @@ def read_bag(
 
 
 def recording_of(content: BagContent) -> Recording:
-    """Return the run that was selected; raises ValueError where that is not clear."""
+    """Return the selected run; raises ValueError if it is ambiguous."""
     about, is_ours = content.about or {}, content.is_ours
     every, damping, near, by_place = content.system()
     runs = runs_in(every.states, content.joint, is_ours)

@@ -1,10 +1,10 @@
 """
-Of the messages of a system, those of one run, each sample once.
+Select the messages of one run of a system, each sample once.
 
-A bag may hold several runs: of a plant that was restarted, of two plants, of a foreign plant whose
-time went back. They are numbered in the order in which they begin. Of several commands for one
-state the one counts whose author the next state names, or the last one itself, else the first
-one; the events are those of these commands.
+A bag may hold several runs: of a restarted plant, of two plants, or of a foreign plant whose time
+went back. They are numbered in the order of their starts. If a state has several commands, the one
+whose author the next state names counts (for the last state, the author that it names itself), or
+else the first one. Only the events of these commands are kept.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ class Run(NamedTuple):
     """
     A run by its ``number`` and ``source``.
 
-    ``span`` are the times [ns] from which on, and before which, it was sent.
+    ``span`` is the half-open interval of its publish times [ns].
     """
 
     number: int
@@ -42,19 +42,19 @@ class Run(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name to choose it by."""
+        """The name by which to select the run."""
         return self.source.run or str(self.number)
 
     def during(self, messages: Messages) -> Messages:
-        """Return the messages that were sent during the run."""
+        """Return the messages published during the run."""
         return messages.where((messages.sent >= self.span[0]) & (messages.sent < self.span[1]))
 
 
 class OneRun(NamedTuple):
     """
-    The ``series`` of a ``run`` in order, and the commands ``withdrawn`` that answer no state.
+    The ``series`` of a ``run`` in order, and the ``withdrawn`` commands, which answer no state.
 
-    ``others`` tells what was left out, and of how many messages.
+    ``others`` counts the messages that were left out, by name.
     """
 
     series: Series
@@ -64,7 +64,7 @@ class OneRun(NamedTuple):
 
     @property
     def source(self) -> Source:
-        """Whose the messages are."""
+        """The source of the states."""
         return self.run.source
 
 
@@ -73,10 +73,10 @@ NO_RUN = Run(0, Source('', ''), (FIRST, LAST))
 
 def runs_in(states: Messages, joint: str, is_ours: bool) -> list[Run]:
     """
-    Return the runs of a topic in the order in which they begin.
+    Return the runs of a topic in the order of their starts.
 
-    Those of our plants are of any joint, those of a foreign plant of the ``joint``. In a bag of
-    our recorder (``is_ours``) time goes on.
+    Runs of our plants may have any joint, runs of a foreign plant need the ``joint``. Our
+    recorder's bags (``is_ours``) are in time order.
     """
     found: list[tuple[int, Run]] = []
     for source in dict.fromkeys(origin.source for origin, count in states.counts() if count):
@@ -91,10 +91,10 @@ def runs_in(states: Messages, joint: str, is_ours: bool) -> list[Run]:
 
 def choose(runs: Sequence[Run], name: str, recorded: str | None) -> Run | None:
     """
-    Return the run with a ``name`` or number, or else the last, one of ours if there is any.
+    Return the run with a ``name`` or number; by default the last one, ours before foreign ones.
 
-    ``recorded`` is the id of the run of a bag, None where it tells none. None where there are no
-    runs; raises ValueError for a wrong name.
+    ``recorded`` is the run id of our recorder's bag, None for other bags. Returns None if there
+    are no runs. Raises ValueError for an unknown name.
     """
     found = [run for run in runs if recorded in (None, run.source.run)]
     if name:
@@ -106,7 +106,7 @@ def choose(runs: Sequence[Run], name: str, recorded: str | None) -> Run | None:
 
 
 def one_run(every: Series, run: Run, runs: Sequence[Run]) -> OneRun:
-    """Return the messages of one ``run`` of all ``runs``."""
+    """Return the messages of one of the ``runs``."""
     source = run.source
     parts = [of_source(messages, source) for messages in every]
     others = sum((messages_of_others(messages, source) for messages in every), Counter[str]())
@@ -127,7 +127,7 @@ def one_run(every: Series, run: Run, runs: Sequence[Run]) -> OneRun:
 
 
 def of_source(messages: Messages, source: Source) -> Messages:
-    """Return the messages that are of a ``source``, or may answer its states."""
+    """Return the messages of a ``source``, or those that may answer its states."""
     return messages.from_origins(
         lambda origin: (
             origin.joint == source.joint
@@ -140,7 +140,7 @@ def of_source(messages: Messages, source: Source) -> Messages:
 
 
 def conflicts(states: Messages) -> int:
-    """Return the number of states with the stamp of another one, but with other values."""
+    """Return the number of states that repeat a stamp with different values."""
     rows = states.rows[np.argsort(states.stamps, kind='stable')]
     values = rows.view(f'V{rows.dtype.itemsize}')
     again = rows['stamp'][1:] == rows['stamp'][:-1]
@@ -151,10 +151,10 @@ def spans_of(
     states: Messages, every: Messages, source: Source, is_ours: bool
 ) -> list[tuple[int, int]]:
     """
-    Return the times [ns] from which on, and before which, each run of a source was sent.
+    Return the half-open interval of publish times [ns] of each run of a source.
 
-    A foreign plant has another run where its time goes back. That of ours ends with the states
-    of another one.
+    A run of a foreign plant ends where its time goes back, a run of ours where the states of
+    another one begin.
     """
     if is_ours:
         return [(FIRST, LAST)]
@@ -167,24 +167,24 @@ def spans_of(
 
 
 def restarts(times: np.ndarray) -> list[int]:
-    """Return the places at which ``times`` [ns] go back; those of late messages do not."""
+    """Return the indices at which ``times`` [ns] go back for good, not for late messages."""
     steps = np.diff(times)
     far = LATE * float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     return [
         at
         for at in (np.flatnonzero(steps < 0) + 1).tolist()
         if (times[at : at + LATE] < times[at - 1]).all()
-        # too few follow to tell it from them
+        # at the end too few messages follow to tell
         and (len(times) - at >= LATE or times[at - 1] - times[at] > far)
     ]
 
 
 def is_by_place(sent: np.ndarray) -> bool:
     """
-    Tell whether the order of a bag says more than the times [ns] of its messages, in that order.
+    Tell whether messages are better ordered by position in the bag than by time [ns].
 
-    So it is where the clock is coarse, and where it was set back. Messages in no order at all go
-    back more often, or by chance.
+    This is so if the recorder's clock was coarse or was set back. Times that go back in many
+    places mean that the messages are not in order, and must be sorted by time.
     """
     steps = np.diff(sent)
     starts = restarts(sent)
@@ -243,7 +243,7 @@ def state_before(states: Messages, sent: np.ndarray) -> np.ndarray:
 
 def damping_of(found: OneRun, rows: np.ndarray, is_ours: bool) -> np.ndarray:
     """
-    Return the damping of a run, of all ``rows`` with publish times: shape (n,), dtype DAMPING.
+    Return the damping of a run from ``rows`` with publish times: shape (n,), dtype DAMPING.
 
     In a bag of our recorder (``is_ours``), publish times equal the stamps of the states. Other
     recorders store only when a message was sent, which is after the state that it belongs to.

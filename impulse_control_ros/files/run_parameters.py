@@ -1,4 +1,4 @@
-"""The parameters of the nodes of a bag, from the topics run_parameters and /parameter_events."""
+"""Read the parameters of nodes from the topics run_parameters and /parameter_events."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -22,10 +22,10 @@ class Change(NamedTuple):
     """
     Parameters of the node ``node_id`` that apply from the state of ``stamp`` [ns] on.
 
-    A controller answers this state with them, and a plant steps on from it. ``values`` are all
-    of the node by name, and ``changed`` those that were set then. The message was ``logged`` [ns]
-    on a ``topic``, stands at a ``place`` in the bag, and is of a ``run``, '' beside a foreign
-    plant.
+    A controller answers this state with these parameters, and a plant steps on from this state.
+    ``values`` has all parameters of the node by name, ``changed`` only those that were just set.
+    The message was ``logged`` [ns] on a ``topic`` and has a ``place`` in the bag; its ``run`` is
+    '' with a foreign plant.
     """
 
     stamp: int
@@ -44,12 +44,12 @@ class Change(NamedTuple):
 
     @property
     def is_plant(self) -> bool:
-        """Whether it is a plant: a controller has an id, or tells a set-point."""
+        """Whether the node is a plant; a controller has an id or a set-point."""
         return self.node == self.node_id and 'x_r' not in self.values
 
     @property
     def source(self) -> str:
-        """The name whose namespace is that of the system: the topic, or the node."""
+        """The name that has the namespace of the system: the topic, or the node."""
         return self.node if self.topic == PARAMETER_EVENTS else self.topic
 
     @property
@@ -60,20 +60,20 @@ class Change(NamedTuple):
 
 class RunParameters:
     """
-    What all nodes of a bag tell of their parameters.
+    The parameters that all nodes of a bag have published.
 
-    A node tells all of them on run_parameters. On /parameter_events every node of ROS 2 tells
-    those that are new or changed; of interest is one that has a set-point.
+    Messages on run_parameters have all parameters of a node. On /parameter_events every ROS 2 node
+    publishes what is new or changed; only nodes with a set-point are used.
     """
 
     def __init__(self, selection: Selection) -> None:
         self._selection = selection
-        self._changes: dict[bytes, Change] = {}  # once each, however often it came
+        self._changes: dict[bytes, Change] = {}  # by message, without duplicates
         self._values: dict[str, dict[str, Any]] = {}  # by node, from /parameter_events
         self.notes: list[str] = []
 
     def add(self, column: Column, place: np.ndarray) -> None:
-        """Take the events of a column; raises ValueError for what are none."""
+        """Add the events of a column; raises ValueError if they cannot be decoded."""
         try:
             for at, size, *when in zip(
                 column.start, column.size, column.time.tolist(), place.tolist(), strict=True
@@ -97,7 +97,7 @@ class RunParameters:
 
     @property
     def joints(self) -> set[str]:
-        """The joints that the nodes of each system tell: our plants have one alone."""
+        """The joint of each system, according to its nodes."""
         told = [
             one
             for one in self._changes.values()
@@ -112,10 +112,10 @@ class RunParameters:
 
     def changes(self, run: str, near: str, by_place: bool) -> list[Change]:
         """
-        Return those of a run, by their stamps; of a foreign plant those in the namespace ``near``.
+        Return the changes of a run, by stamp; for a foreign plant, those in a namespace.
 
-        With ``by_place`` they are logged where they stand in the bag. Raises ValueError where they
-        are on several topics.
+        ``near`` is that namespace. ``by_place`` replaces ``logged`` by the position in the bag.
+        Raises ValueError if several topics may have them.
         """
         if by_place:
             self._changes = {
@@ -129,7 +129,7 @@ class RunParameters:
         return sorted(changes, key=lambda one: (one.stamp, one.logged)) or self._of_one_node(near)
 
     def _of_one_node(self, near: str) -> list[Change]:
-        """Return what the one node with a set-point tells on /parameter_events, as it came."""
+        """Return the changes of the node with a set-point on /parameter_events, in order."""
         told = [
             one
             for one in self._changes.values()
@@ -137,18 +137,20 @@ class RunParameters:
         ]
         nodes = preferred({one.node for one in told}, self._selection, near)
         if len(nodes) > 1:
-            self.notes.append(f'x_r is told by {", ".join(nodes)}: none of them is taken')
+            self.notes.append(
+                f'several nodes have a set-point x_r, none is used: {", ".join(nodes)}'
+            )
         return [one for one in told if [one.node] == nodes]
 
 
 def decoded(raw: bytes) -> Any:
-    """Return an event; the library knows its type also where the bag does not describe it."""
+    """Decode an event; the bag need not have its message definition."""
     return typestore().deserialize_cdr(raw, TYPE)
 
 
 @cache
 def typestore() -> Any:
-    """Return the message types of ROS 2."""
+    """Return the message types of ROS 2 Jazzy."""
     from rosbags.typesys import get_typestore, Stores  # takes a tenth of a second
 
     return get_typestore(Stores.ROS2_JAZZY)
@@ -156,10 +158,10 @@ def typestore() -> Any:
 
 def by_recording(changes: Sequence[Change], states: Messages, log_time: bool) -> list[Change]:
     """
-    Return the ``changes`` with the stamps of the states before which they were recorded.
+    Return the ``changes``, each with the stamp of the first state that was recorded after it.
 
-    Those on run_parameters have such a stamp already, unless ``log_time`` has replaced those of
-    the states. The stamp is 0 for what was recorded before all of them.
+    Changes on run_parameters already have that stamp, unless ``log_time`` replaced the stamps of
+    the states. A change before the first state gets the stamp 0.
     """
     order = np.argsort(states.sent, kind='stable')
     stamps = np.append(states.stamps[order], LAST)

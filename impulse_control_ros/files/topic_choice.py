@@ -1,4 +1,4 @@
-"""Which of several topics of one kind is read: two systems in a bag are never merged."""
+"""Select one topic of each kind: the topics of two systems are never merged."""
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 class Selection(NamedTuple):
     """
-    What to read of a bag; what is empty is left to the bag.
+    The part of a bag to read; an empty field selects nothing.
 
-    ``run``: number or id. ``namespace``: that of the topics. ``topics``: full names, one of a
-    kind. ``log_time``: whether a message has the time at which it was recorded as its stamp.
+    ``run`` is a number or an id, ``namespace`` the namespace of the topics, ``topics`` are full
+    names, one of each kind. ``log_time`` replaces the stamps by the times of recording.
     """
 
     run: str = ''
@@ -25,16 +25,16 @@ def namespace_of(name: str) -> str:
 
 
 def absolute(name: str) -> str:
-    """Return a name with its slash in front, and none behind."""
+    """Return a name with a leading slash and no trailing one."""
     return '/' + name.strip('/')
 
 
 def preferred(found: Collection[str], selection: Selection, near: str = '') -> list[str]:
     """
-    Return the topics to choose from, of one kind among those ``found``.
+    Return the first non-empty group of the topics ``found``, which are of one kind.
 
-    Those that are selected come first, then those in the namespace that is selected, then those
-    in the namespace ``near``.
+    The groups are: the selected topics, those in the selected namespace, those in the namespace
+    ``near``, all.
     """
     namespaces = [near] if near else []
     if selection.namespace:
@@ -50,7 +50,7 @@ def preferred(found: Collection[str], selection: Selection, near: str = '') -> l
 
 
 def one_of(kind: str, found: Collection[str], selection: Selection, near: str = '') -> str:
-    """Return the one topic of a ``kind``, '' for none; raises ValueError for several."""
+    """Return the topic of a ``kind``, '' if there is none; raises ValueError for several."""
     names = preferred(found, selection, near)
     if len(names) > 1:
         raise ValueError(
@@ -61,11 +61,11 @@ def one_of(kind: str, found: Collection[str], selection: Selection, near: str = 
 
 
 def require_selected(selection: Selection, topics: Collection[str]) -> None:
-    """Raise ValueError for a topic or a namespace that is not among the ``topics`` of a bag."""
+    """Raise ValueError if a selected topic or namespace is not among the ``topics`` of a bag."""
     named = ', '.join(sorted(topics)) or 'none'
     for topic in map(absolute, selection.topics):
         if topic not in topics:
-            raise ValueError(f'topic {topic} is not in it; its topics: {named}')
+            raise ValueError(f'topic {topic} is not in the bag; its topics: {named}')
     namespace = absolute(selection.namespace)
     if selection.namespace and namespace not in map(namespace_of, topics):
         raise ValueError(f'no topic in the namespace {namespace}; its topics: {named}')

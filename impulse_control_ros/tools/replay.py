@@ -79,7 +79,7 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(ours)
     if not (options.controller or options.closed_loop):
         if options.params or options.overrides or selection(options):
-            parser.error('--params, -p and what to read of a bag are for --controller')
+            parser.error('--params, -p and the part of the bag are for --controller')
         try:
             player = import_module('impulse_control_ros.nodes.player')
         except ModuleNotFoundError as error:

@@ -145,10 +145,11 @@ def test_what_a_killed_recorder_left_in_the_log_of_a_database_is_read(tmp_path):
 @pytest.mark.parametrize(
     ('content', 'why'),
     [
-        (b'#ROSBAG V2.0\n', 'a bag of ROS 1'),
+        (b'#ROSBAG V2.0\n', 'this is a ROS 1 bag'),
         (b'PK\3\4' * 9, 'no MCAP file and no sqlite3 database'),
         (b'SQLite format 3\0' * 9, 'file is not a database'),
         (ZstdCompressor().compress(b'PK\3\4' * 9), 'no MCAP file and no sqlite3 database'),
+        (ZstdCompressor().compress(b'PK\3\4' * 9)[:-3], 'it was cut off'),
     ],
 )
 def test_what_is_no_bag_is_refused_by_what_it_is(tmp_path, content, why):

@@ -236,7 +236,7 @@ def test_two_systems_are_told_apart_by_their_namespace_or_topic_alone(tmp_path):
             assert read_bag(bag, **choice).states['position'].tolist() == [position] * 50
     for choice, why in (
         ({'namespace': 'up'}, 'no topic in the namespace /up; its topics: /left/joint_states, '),
-        ({'topics': ['up']}, 'topic /up is not in it; its topics: /left/joint_states, '),
+        ({'topics': ['up']}, 'topic /up is not in the bag; its topics: /left/joint_states, '),
         ({'namespace': 'left', 'joint': 'elbow'}, "no joint_states of joint 'elbow'"),
     ):
         with pytest.raises(BagError, match=why):

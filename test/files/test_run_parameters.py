@@ -92,7 +92,7 @@ def test_of_two_nodes_with_a_set_point_that_in_the_namespace_counts(tmp_path, na
         event(0, '/left/law', {'x_r': 0.1}),
         event(0, '/right/law', {'x_r': 0.2}),
     )
-    told = 'x_r is told by /left/law, /right/law: none of them is taken'
+    told = 'several nodes have a set-point x_r, none is used: /left/law, /right/law'
     assert (told in recording.lacks) == (namespace == '')
     assert recording.set_point[0] == {'': 0.0, '/left': 0.1, '/right': 0.2}[namespace]
 
