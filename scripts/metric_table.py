@@ -25,7 +25,8 @@ each sample comes from the recorded controller parameters. The impulsive part of
 difference from the feedback -K e - D v (within the effort limit), from the sample of an impulse
 until the two are equal again. If the bag has no gains, it is all of u. An integral (`K_i`) is
 not separated: during an impulse it counts as impulsive. A settling time that is not reached is
-`never` in the table; an undefined value is `unknown`; in JSON they are null, in CSV empty.
+`never` in the table. A value that cannot be computed, as the peak velocity of a bag without
+velocities, is empty. In JSON both are null, in CSV empty.
 """
 SWEEPS = """
 ## Of the runs of a sweep

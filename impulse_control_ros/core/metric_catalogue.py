@@ -66,14 +66,19 @@ class Samples:
 
 @dataclass(frozen=True)
 class Metric(Quantity):
-    """A metric: ``compute`` evaluates it for a response; ``undefined`` is the text for nan."""
+    """
+    A metric: ``compute`` gives it for a response.
+
+    ``undefined`` is the word for a value that is not finite, '' where it cannot be computed.
+    """
 
     compute: Callable[[Samples], float]
-    undefined: str = 'unknown'
+    undefined: str = ''
 
     def of(self, samples: Samples) -> float:
-        """Return the metric of a response; nan where it is undefined."""
-        value = self.compute(samples)
+        """Return the metric of a response; nan or infinite where it cannot be computed."""
+        with np.errstate(all='ignore'):  # recorded values may be nan, infinite or huge
+            value = self.compute(samples)
         return value if isinstance(value, int) else float(value)
 
     def text(self, value: float) -> str:

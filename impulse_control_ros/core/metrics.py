@@ -58,8 +58,8 @@ def settling_time(time: np.ndarray, error: np.ndarray, tolerance: float) -> floa
 
 
 def overshoot(error: np.ndarray) -> float:
-    """Return the largest error [m] on the side opposite to the start, 0 if none."""
-    return float(max(0.0, np.max(-np.sign(error[0]) * error)))
+    """Return how far [m] the error goes to the side opposite of where it starts, at most."""
+    return float(np.maximum(0.0, np.max(-np.sign(error[0]) * error)))
 
 
 def peak(values: np.ndarray) -> float:
@@ -83,12 +83,15 @@ def work(position: np.ndarray, effort: np.ndarray) -> float:
     return float(np.dot(effort[:-1], np.diff(position)))
 
 
-def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[int, float]:
+def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[float, float]:
     """
     Return number and total time [s] of the intervals in which the axis rests off its set-point.
 
-    An interval has at least two consecutive samples with zero velocity and a nonzero error.
+    An interval is two samples in a row, or more, of velocity 0 with an error. Both are nan where
+    a velocity is.
     """
+    if np.isnan(velocity).any():
+        return float('nan'), float('nan')
     stands = (velocity == 0.0) & (error != 0.0)
     between = stands[:-1] & stands[1:]
     begins = int(np.count_nonzero(between[1:] & ~between[:-1])) + int(between[:1].any())
@@ -96,8 +99,8 @@ def stuck(time: np.ndarray, velocity: np.ndarray, error: np.ndarray) -> tuple[in
 
 
 def differs(values: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return where efforts [N] differ from a reference by more than rounding, shape (n,)."""
-    return np.abs(values - reference) > ROUNDING * np.maximum(1.0, np.abs(values))
+    """Tell where efforts [N] differ from a reference by more than rounding, as nan does, (n,)."""
+    return ~(np.abs(values - reference) <= ROUNDING * np.maximum(1.0, np.abs(values)))
 
 
 def impulsive(effort: np.ndarray, feedback: np.ndarray, fired: np.ndarray) -> np.ndarray:

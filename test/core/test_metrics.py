@@ -114,3 +114,8 @@ def test_an_axis_is_stuck_from_the_second_sample_that_it_stands():
     assert stuck(time, np.array([0, 1, 0, 0, 0, 1, 0, 0.0]), error) == (1, 1.0)
     assert stuck(time, np.array([0, 0, 1, 0, 0, 0, 0, 0.0]), error) == (2, 1.5)
     assert stuck(time, np.array([0, 1, 0, 1, 0, 1, 0, 1.0]), error) == (0, 0.0)
+
+
+def test_what_cannot_be_computed_is_nan():
+    time, unknown = np.arange(3.0), np.array([1.0, np.nan, 1.0])
+    assert np.isnan([overshoot(unknown), peak(unknown), *stuck(time, unknown, time)]).all()

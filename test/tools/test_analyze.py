@@ -18,7 +18,7 @@ from impulse_control_ros.core.metric_catalogue import METRICS
 from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
-from impulse_control_ros.files.cdr import encode_float64, JointStateLayout
+from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import NAME
@@ -262,14 +262,14 @@ def test_a_figure_is_drawn_the_same_again(tmp_path, capsys, bag, suffix, magic):
 # -- bags that lack something -----------------------------------------------------------------
 
 
-def of_a_robot(folder, positions):
-    """Return the bag of a driver that measures positions only."""
-    layout = JointStateLayout('axis', 'base', ('position',))
+def of_a_robot(folder, *fields):
+    """Return the bag of a driver that measures some of the `FIELDS`, in their order."""
+    layout = JointStateLayout('axis', 'base', FIELDS[: len(fields)])
     return recorded_elsewhere(
         folder,
         sent(
-            (START, STATES, layout.encode(1, k * 10**6, position))
-            for k, position in enumerate(positions)
+            (START, STATES, layout.encode(1, k * 10**6, *values))
+            for k, values in enumerate(zip(*fields, strict=True))
         ),
     )
 
@@ -286,8 +286,54 @@ def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
             f'analyze: wrote {file}',
         ],
     )
-    assert re.search(r'peak velocity \[m/s\] +unknown', out)
-    assert responses(capsys, bag)[0]['peak_velocity'] is None
+    (got,) = responses(capsys, bag)
+    empty = {name for name, value in got.items() if value is None}
+    assert empty == {
+        *('peak_velocity', 'peak_effort', 'peak_feedback', 'work', 'stuck', 'stuck_time')
+    }
+    for name in empty:
+        assert f'\n{METRICS[name].label}'.ljust(47) + '\n' in out
+
+
+UNKNOWN = {
+    'position': (),
+    'velocity': ('peak_velocity', 'stuck', 'stuck_time'),
+    'effort': ('peak_feedback', 'peak_effort', 'work'),
+}
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+@pytest.mark.parametrize('field', FIELDS)
+def test_a_metric_that_cannot_be_computed_is_empty_in_each_format(tmp_path, capsys, field, value):
+    fields = {
+        'position': np.linspace(0.5, 0.0, 100),
+        'velocity': np.full(100, -1.0),
+        'effort': np.ones(100),
+    }
+    fields[field][[20, 50]] = value
+    bag = of_a_robot(tmp_path / 'bag', *fields.values())
+    is_left_out = field == 'position' or (field == 'velocity' and not np.isnan(value))
+    empty = set() if is_left_out else set(UNKNOWN[field])
+    code, text, _ = analyzed(capsys, bag, '--format', 'json')
+    (got,) = json.loads(text, parse_constant=lambda name: pytest.fail(f'{name} is no JSON'))
+    assert code == 0
+    assert (got['samples'], got['settling_time_0.001']) == (98 if is_left_out else 100, 0.099)
+    (row,) = csv.DictReader(analyzed(capsys, bag, '--format', 'csv')[1].splitlines())
+    lines = dict(zip(METRICS, analyzed(capsys, bag)[1].splitlines()[1:], strict=True))
+    assert {name for name, value in got.items() if value is None} == empty
+    assert {name for name, value in row.items() if not value} == empty
+    assert {name for name, line in lines.items() if line.endswith(' ')} == empty
+
+
+def test_a_figure_and_a_page_leave_out_what_no_axis_can_show(tmp_path, capsys):
+    fields = np.linspace(0.5, 0.0, 100), np.full(100, -1.0), np.ones(100)
+    for at, value in enumerate((np.nan, np.inf, 1.7e308)):
+        for field in fields:
+            field[10 * at + 20] = value
+    bag = of_a_robot(tmp_path / 'bag', *fields)
+    files = tmp_path / 'figure.png', tmp_path / 'page.html'
+    code, _, err = analyzed(capsys, bag, '--figure', files[0], '--report', files[1])
+    assert (code, err[-2:]) == (0, [f'analyze: wrote {file}' for file in files[::-1]])
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf])
@@ -304,8 +350,8 @@ def test_states_without_a_position_are_left_out_with_a_warning(tmp_path, capsys,
     for name in ('overshoot', 'iae', 'settling_time_0.01', 'samples'):
         assert got[name] == pytest.approx(expected[name])
     assert (
-        f'analyze: warning: {bags[1]}: 5 states without a finite position, or with an '
-        'infinite velocity, are left out'
+        f'analyze: warning: {bags[1]}: 5 states are left out: their position is not finite, or '
+        'position or velocity is beyond 1e+100'
     ) in analyzed(capsys, bags[1])[2]
 
 

@@ -15,10 +15,22 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.tools.analyze.packing import on_grid
 from test.command_lines import status_of
 from test.conftest import BIN
-from test.tools.bags import begun, CONTROLLER, entries, experiment, finished, recorded, told
+from test.tools.bags import (
+    begun,
+    CONTROLLER,
+    entries,
+    experiment,
+    finished,
+    recorded,
+    recorded_elsewhere,
+    sent,
+    STATES,
+    told,
+)
 
 CHROMIUM = (
     shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
@@ -365,6 +377,22 @@ def test_a_set_point_change_and_a_strange_name_are_shown_as_they_are(browser, tm
         run.position[1000] - 0.25, rel=1e-6
     )
     assert 'from 0.1 s on' in opened.run('return document.getElementById("parameters").innerText')
+
+
+def test_a_bag_without_velocities_shows_none(browser, tmp_path):
+    layout = JointStateLayout('axis', 'base', ('position',))
+    bag = recorded_elsewhere(
+        tmp_path / 'bag',
+        sent((0, STATES, layout.encode(1, k * 10**6, 0.5 - 0.005 * k)) for k in range(100)),
+    )
+    path = tmp_path / 'report.html'
+    assert status_of('analyze', bag, '--report', path) == 0
+    opened = Page(browser, path)
+    drawn = {one['meta'] for one in opened.traces('time')}
+    assert drawn == {'position', 'setpoint', 'impulse'}
+    assert opened.run('return document.querySelectorAll(".phase").length') == 0
+    opened.click('bag')
+    assert opened.browser.get_log('browser') == []
 
 
 def test_a_minute_at_10_khz_stays_below_10_mb_even_as_noise(browser, tmp_path):

@@ -17,7 +17,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from impulse_control_ros.command_line import add_selection, Parser, selection, StopRequest, warn
-from impulse_control_ros.errors import UsageError
+from impulse_control_ros.errors import DivergedError, UsageError
 from impulse_control_ros.files.atomic_write import replaced
 
 if TYPE_CHECKING:
@@ -218,14 +218,14 @@ def with_positions(bag: Path, recording: Recording) -> Recording:
     """Return a recording without the states that no controller answers; warns of them."""
     import numpy as np
 
-    states = recording.states
-    good = np.isfinite(states['position']) & ~np.isinf(states['velocity'])
+    states, bound = recording.states, DivergedError.bound
+    good = (np.abs(states['position']) < bound) & ~(np.abs(states['velocity']) >= bound)
     if good.all():
         return recording
     warn(
         NAME,
-        f'{bag}: {np.count_nonzero(~good)} states without a finite position, or with an infinite '
-        'velocity, are left out',
+        f'{bag}: {np.count_nonzero(~good)} states are left out: their position is not finite, or '
+        f'position or velocity is beyond {bound:g}',
     )
     return replace(recording, states=states[good])
 

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from impulse_control_ros.core.metric_catalogue import PANELS
-from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.plotting import legend_entries, mark_impulses, phase_plane, TIME
 from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.figures import PRINT_DPI, saved, STYLE, WIDTH
@@ -19,6 +18,7 @@ HEIGHT = 1.35  # in; of a panel
 CLOSE = 0.01  # share of the largest error that is near the origin
 
 
+@np.errstate(all='ignore')  # recorded values may be nan, infinite or huge
 def figure(runs: Sequence[Run], suffix: str) -> bytes:
     """Return the content of a file; the same runs give the same bytes."""
     with rc_context({**STYLE, 'agg.path.chunksize': 20_000}):
@@ -26,44 +26,43 @@ def figure(runs: Sequence[Run], suffix: str) -> bytes:
 
 
 def drawn(runs: Sequence[Run]) -> Figure:
-    """Return the figure."""
-    has_damping = any(len(run.recording.damping) for run in runs)
-    names = [name for name in PANELS if name != 'damping' or has_damping]
+    """Return the figure; what no run tells is left out, with the phase plane the velocity."""
+    names = [name for name in PANELS if any(run.shows(name) for run in runs)]
     whole = Figure(figsize=(WIDTH, HEIGHT * len(names) + 0.5), layout='constrained')
-    halves: Any = whole.subfigures(1, 2, width_ratios=(1.5, 1.0))
-    left, right = halves
-    panels = left.subplots(len(names), 1, sharex=True)
-    plane, near = right.subplots(2, 1)
+    widths = (1.5, 1.0) if 'velocity' in names else (1.0,)
+    halves: Any = whole.subfigures(1, len(widths), width_ratios=widths, squeeze=False)[0]
+    panels = halves[0].subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    planes = halves[1].subplots(2, 1) if 'velocity' in names else ()
     for run, color in zip(runs, COLORS * len(runs), strict=False):
         for axes, name in zip(panels, names, strict=True):
             over_time(axes, run, name, color)
-        impulses = run.recording.impulse_samples()
-        for axes in (plane, near):
+        for axes in planes:
             axes.plot(run.error, run.states['velocity'], color=color)
-            mark_impulses(axes, run.error, run.states['velocity'], *impulses)
+            mark_impulses(
+                axes, run.error, run.states['velocity'], *run.recording.impulse_samples()
+            )
     for axes, name in zip(panels, names, strict=True):
         axes.set_ylabel(PANELS[name].label)
     panels[-1].set_xlabel(TIME)
-    for axes in (plane, near):
+    for axes in planes:
         phase_plane(axes)
         axes.set_xlabel('error [m]')
-    near.set(title='near the origin', **close_limits(runs))
-    entries = legend_entries(panels[0], plane)
+    for axes in planes[1:]:
+        axes.set(title='near the origin', **close_limits(runs))
+    entries = legend_entries(panels[0], *planes[:1])
     whole.legend(entries.values(), entries.keys(), loc='outside upper center', ncols=4)
     return whole
 
 
 def over_time(axes: Axes, run: Run, name: str, color: str) -> None:
     """Draw one panel of a run."""
+    time, values = run.panel(name)
     if name == 'damping':
-        damping = run.recording.damping
-        time = (damping['stamp'] - run.states['stamp'][0]) / SECOND
-        axes.plot(time, damping['damping'], color=color, linewidth=1.0)
+        axes.plot(time, values, color=color, linewidth=1.0)
         return
-    values = run.states[name] if name in ('position', 'velocity') else getattr(run, name)
-    axes.plot(run.time, values, color=color, label=run.name)
+    axes.plot(time, values, color=color, label=run.name)
     if name != 'feedback':
-        mark_impulses(axes, run.time, values, *run.recording.impulse_samples())
+        mark_impulses(axes, time, values, *run.recording.impulse_samples())
 
 
 def close_limits(runs: Sequence[Run]) -> dict[str, tuple[float, float]]:

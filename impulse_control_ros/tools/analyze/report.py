@@ -21,6 +21,7 @@ PAGE = resources.files('impulse_control_ros.tools.analyze') / 'page'
 BLOB = '<script type="text/plain" data-name="{}">{}</script>'
 
 
+@np.errstate(all='ignore')  # recorded values may be nan, infinite or huge
 def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
     """Return the page; it asks for nothing but a browser."""
     facts = {
@@ -31,7 +32,7 @@ def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
         'runs': [facts_of(run) for run in runs],
     }
     # '<' could end the element
-    data = json.dumps(facts, separators=(',', ':')).replace('<', '\\u003c')
+    data = json.dumps(facts, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
     blobs = [BLOB.format('plotly', deflated(get_plotlyjs().encode()))]
     for number, run in enumerate(runs):
         blobs += [
@@ -62,7 +63,8 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     yield 'velocity', states['velocity']
     yield 'impulse', run.impulse
     # the feedback is the law's, nearly always: nothing else is to be packed
-    yield 'rest', np.where(differs(run.feedback, run.law), run.feedback - run.law, 0.0)
+    rest = run.feedback - np.where(np.isfinite(run.law), run.law, 0.0)
+    yield 'rest', np.where(differs(run.feedback, run.law), rest, 0.0)
     yield 'fired', run.fired
     yield 'guard', run.recording.impulses['guard']
     yield 'damping_at', np.searchsorted(states['stamp'][:-1], damping['stamp'])

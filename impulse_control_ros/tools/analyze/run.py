@@ -23,6 +23,8 @@ import numpy as np
 
 from impulse_control_ros.core.metric_catalogue import Samples
 from impulse_control_ros.core.metrics import impulsive
+from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.files.settings import NO_GAINS, Setting, spans
 from impulse_control_ros.tools.resimulate import with_velocities
@@ -72,11 +74,13 @@ class Run:
         """
         Return the effort [N] from each state to the next, as the next one tells it, shape (n,).
 
-        Where it does not, it is what was commanded last.
+        Where it does not, it is what was commanded last; nan where nothing was. It goes on
+        behind the last state.
         """
-        applied, commands = np.append(self.states['effort'][1:], 0.0), self.recording.commands
+        effort, commands = self.states['effort'], self.recording.commands
+        applied = np.append(effort[1:], effort[-1:])
         last = np.searchsorted(commands['stamp'], self.states['stamp'], 'right')
-        held = np.insert(commands['effort'], 0, 0.0)[last]
+        held = np.insert(commands['effort'], 0, np.nan)[last]
         return np.where(np.isnan(applied), held, applied)
 
     @cached_property
@@ -87,12 +91,12 @@ class Run:
 
     @cached_property
     def law(self) -> np.ndarray:
-        """Return the feedback [N] that the gains give, shape (n,)."""
+        """Return the feedback [N] that the gains give, nan without a velocity, shape (n,)."""
         law = np.zeros(len(self.states))
         for part, values in spans(self.settings, len(self.states)):
-            limit, velocity = values['effort_limit'] or np.inf, self.states['velocity'][part]
-            feedback = -values['K'] * self.error[part] - values['D'] * velocity
-            law[part] = np.clip(feedback, -limit, limit)
+            limit, D = values['effort_limit'] or np.inf, values['D']
+            braking = D * self.states['velocity'][part] if D else 0.0
+            law[part] = np.clip(-values['K'] * self.error[part] - braking, -limit, limit)
         return law
 
     @cached_property
@@ -106,6 +110,21 @@ class Run:
         fired = np.zeros(len(self.states), bool)
         fired[self.fired] = True
         return impulsive(self.command, self.law, fired)
+
+    def panel(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return time [s] and values, shape (n,), of what one of the `PANELS` shows."""
+        time = self.time
+        if name == 'damping':
+            damping = self.recording.damping
+            time, values = (damping['stamp'] - self.states['stamp'][0]) / SECOND, damping[name]
+        else:
+            values = self.states[name] if name in ('position', 'velocity') else getattr(self, name)
+        # no axis can show what is near overflow
+        return time, np.where(np.abs(values) < DivergedError.bound, values, np.nan)
+
+    def shows(self, name: str) -> bool:
+        """Tell whether one of the `PANELS` has a finite value."""
+        return bool(np.isfinite(self.panel(name)[1]).any())
 
     @property
     def feedback(self) -> np.ndarray:

@@ -8,6 +8,8 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
+
 from impulse_control_ros.core.metric_catalogue import METRICS
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.tools.analyze.run import Run
@@ -24,6 +26,7 @@ class Response:
     metrics: dict[str, float]
 
 
+@np.errstate(all='ignore')  # recorded values may be nan, infinite or huge
 def responses_of(run: Run, every: bool, chosen: int | None = None) -> list[Response]:
     """
     Return the metrics of the last response of a run, of ``every`` one, or of the ``chosen`` one.
@@ -77,7 +80,7 @@ def plain(response: Response) -> dict[str, float | str | None]:
 
 def as_json(responses: Sequence[Response]) -> str:
     """Return a list of objects, one a response."""
-    return json.dumps([plain(response) for response in responses], indent=2)
+    return json.dumps([plain(response) for response in responses], indent=2, allow_nan=False)
 
 
 def as_csv(responses: Sequence[Response]) -> str:

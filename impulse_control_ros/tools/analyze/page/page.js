@@ -47,10 +47,12 @@ async function loaded(fact, number) {
     const end = fact.settings[at + 1]?.first ?? fact.count;
     for (let i = setting.first; i < end; i++) {
       const limit = setting.effort_limit || Infinity;
-      const law = -setting.K * run.error[i] - setting.D * run.velocity[i];
+      const braking = setting.D ? setting.D * run.velocity[i] : 0;
+      const law = -setting.K * run.error[i] - braking;
       run.setpoint[i] = setting.x_r;
       run.position[i] = run.error[i] + setting.x_r;
-      run.feedback[i] = Math.min(Math.max(law, -limit), limit) + run.rest[i];
+      const known = Number.isFinite(law) ? Math.min(Math.max(law, -limit), limit) : 0;
+      run.feedback[i] = known + run.rest[i];
     }
   });
   const fired = await get('fired', Uint32Array);
@@ -69,9 +71,14 @@ function series(run, key) {
 
 // -- over time --------------------------------------------------------------------------------
 
+/** Tell whether any run has a finite value of what a panel shows. */
+function isKnown(key) {
+  return runs.some((run) => series(run, key)[1].some(Number.isFinite));
+}
+
 /** Return the panels that have anything to show. */
 function panels() {
-  return Object.keys(facts.panels).filter((key) => runs.some((run) => series(run, key)[1].length));
+  return Object.keys(facts.panels).filter(isKnown);
 }
 
 /** Return the layout of the panels, one below the other on one axis of time. */
@@ -180,6 +187,11 @@ function extent(key, test = () => true) {
   }
   const room = 0.05 * (high - low) || 0.05 * Math.abs(high) || 1e-6;
   return low > high ? [-1, 1] : [Math.min(low, 0) - room, Math.max(high, 0) + room];
+}
+
+/** Return the names of the phase planes; without a velocity there are none. */
+function planes() {
+  return isKnown('velocity') ? ['phase', 'near'] : [];
 }
 
 /** Return the ranges of the whole plane, and of a hundredth of it around e = 0. */
@@ -303,7 +315,7 @@ const runs = [];
 /** Draw the plots again as they are zoomed now. */
 function drawAll() {
   drawTime(document.getElementById('time').layout);
-  for (const id of ['phase', 'near']) drawPhase(id, document.getElementById(id).layout);
+  for (const id of planes()) drawPhase(id, document.getElementById(id).layout);
 }
 
 /** Draw a plot, and again whenever it is zoomed or gets another size. */
@@ -325,9 +337,9 @@ async function main() {
   fillTable('parameters', [head, ...parameterRows()], true);
   fillTable('provenance', [head, ...byRun((run) => run.provenance)]);
   begin('time', timeLayout(), drawTime);
-  for (const [id, range] of Object.entries(ranges())) {
-    begin(id, phaseLayout(range), (layout) => drawPhase(id, layout));
-  }
+  const range = ranges();
+  for (const id of planes()) begin(id, phaseLayout(range[id]), (layout) => drawPhase(id, layout));
+  if (!planes().length) document.querySelectorAll('.phase').forEach((one) => one.remove());
   document.getElementById('status').textContent = `impulse_control_ros ${facts.version}. Drag `
     + 'over a plot to zoom, double-click to see all; on a touch screen use the buttons above it.';
   document.body.dataset.ready = 'yes';

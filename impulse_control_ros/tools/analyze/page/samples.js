@@ -57,8 +57,8 @@ function thinned(times, values, from, to, bins) {
     let least = i;
     let largest = i;
     for (; i < end; i++) {
-      if (values[i] < values[least]) least = i;
-      if (values[i] > values[largest]) largest = i;
+      if (values[i] < values[least] || Number.isNaN(values[least])) least = i;
+      if (values[i] > values[largest] || Number.isNaN(values[largest])) largest = i;
     }
     for (const at of new Set([Math.min(least, largest), Math.max(least, largest)])) {
       x.push(times[at]);
