@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from io import TextIOWrapper
 import math
 import os
 import signal
@@ -50,6 +51,11 @@ class StopRequest:
 
 class Parser(argparse.ArgumentParser):
     """A parser that raises `UsageError` for an invalid command line."""
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help at once: behind it nobody handles a closed pipe."""
+        super().print_help(file)
+        sys.stdout.flush()
 
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
@@ -132,8 +138,22 @@ def exit_status(name: str, command: Callable[[], int]) -> int:
     return status
 
 
+def prepare_streams() -> None:
+    """Let stdout take any file name, whatever its encoding, and let closed streams take all."""
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115 (open until the end)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors='backslashreplace')
+
+
 def run(name: str, module: str, patience: float = math.inf) -> int:
     """Run the command ``name`` of a module of this package; returns the exit status."""
+    prepare_streams()
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return ended(name, 'the current folder was deleted: change to one that exists', 1)
     stop = StopRequest(patience)
     main = import_module(f'impulse_control_ros.{module}').main
     status = exit_status(name, partial(main, stop))

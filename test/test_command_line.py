@@ -1,6 +1,7 @@
 """What every executable does: exit statuses, one-line errors, Ctrl-C, and a closed pipe."""
 
 import errno
+import os
 import subprocess
 import sys
 
@@ -62,6 +63,45 @@ def test_a_closed_pipe_ends_a_command_without_a_word(tmp_path):
         process.stdout.close()
         assert process.stderr.read() == ''
     assert process.returncode == 1
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_a_closed_pipe_ends_the_help_without_a_word(name):
+    with subprocess.Popen(
+        [BIN / name, '--help'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {'PYTHONUNBUFFERED': ''},
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ''
+    assert process.returncode == 1
+
+
+@pytest.mark.parametrize('closed', [1, 2])
+def test_a_closed_stream_takes_what_is_printed(closed):
+    done = subprocess.run(
+        ['sh', '-c', f'{BIN}/analyze nowhere {closed}>&-'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = '' if closed == 2 else "analyze: bag 'nowhere' does not exist\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, '', said)
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_a_deleted_folder_is_the_reason(tmp_path, name):
+    (tmp_path / 'gone').mkdir()
+    done = subprocess.run(
+        ['sh', '-c', f'cd {tmp_path}/gone && rmdir {tmp_path}/gone && exec {BIN}/{name}'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    why = 'the current folder was deleted: change to one that exists'
+    assert (done.returncode, done.stdout, done.stderr) == (1, '', f'{name}: {why}\n')
 
 
 def test_a_full_disk_behind_stdout_is_named(tmp_path):

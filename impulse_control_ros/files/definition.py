@@ -31,14 +31,14 @@ def message_definition(message_type: str) -> str:
     The type's own file comes first, then every type it needs, each behind a separator line.
     """
     package, name = message_type.split('/')[0], message_type.split('/')[-1]
-    text = interface_file(package, f'{name}.msg').read_text()
+    text = interface_file(package, f'{name}.msg').read_text(encoding='utf-8')
     seen, waiting = {(package, name)}, dependencies(package, text)
     while waiting:
         wanted = waiting.pop(0)
         if wanted in seen:
             continue
         seen.add(wanted)
-        inner = interface_file(wanted[0], f'{wanted[1]}.msg').read_text()
+        inner = interface_file(wanted[0], f'{wanted[1]}.msg').read_text(encoding='utf-8')
         text += SEPARATOR + '/'.join(wanted) + '\n' + inner
         waiting += dependencies(wanted[0], inner)
     return text
@@ -47,7 +47,9 @@ def message_definition(message_type: str) -> str:
 def type_hash(message_type: str) -> str:
     """Return the RIHS01 hash of e.g. ``sensor_msgs/msg/JointState``."""
     package, _, name = message_type.split('/')
-    hashes = json.loads(interface_file(package, f'{name}.json').read_text())['type_hashes']
+    hashes = json.loads(interface_file(package, f'{name}.json').read_text(encoding='utf-8'))[
+        'type_hashes'
+    ]
     return str(next(item['hash_string'] for item in hashes if item['type_name'] == message_type))
 
 

@@ -51,9 +51,9 @@ def to_parquet(bag: Bag, file: str | Path) -> int:
     import pyarrow.parquet as pq
 
     table = to_arrow(bag)
-    with replaced(Path(file)) as path:
+    with replaced(Path(file)) as path, path.open('wb') as stream:  # not each name is UTF-8
         pq.write_table(
-            table, path, compression='zstd', use_dictionary=['guard'], write_page_checksum=True
+            table, stream, compression='zstd', use_dictionary=['guard'], write_page_checksum=True
         )
     return len(table)
 
@@ -63,8 +63,8 @@ def to_csv(bag: Bag, file: str | Path) -> int:
     from pyarrow.csv import write_csv, WriteOptions
 
     table = to_arrow(bag)
-    with replaced(Path(file)) as path:
-        write_csv(table, path, WriteOptions(quoting_style='none', quoting_header='none'))
+    with replaced(Path(file)) as path, path.open('wb') as stream:
+        write_csv(table, stream, WriteOptions(quoting_style='none', quoting_header='none'))
     return len(table)
 
 

@@ -60,10 +60,8 @@ def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     Raises `ParameterError` if the file cannot be read or is not a mapping.
     """
     try:
-        content = parsed(Path(path).read_text())
-    except OSError as error:
-        raise ParameterError(f'{path}: {error.strerror}') from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        content = parsed(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
     if not isinstance(content, Mapping):
         raise ParameterError(f'{path}: {content!r}: must be a mapping of {", ".join(keys)}')

@@ -119,6 +119,8 @@ def main(
             nodes.append(make())
         place_on_core(nodes[0].parameters.cpu_core)
         check_command_line(nodes)
+    except UnicodeEncodeError as error:
+        return leave(nodes, f'{prog}: argument {error.object!a}: must be UTF-8', 2)
     except _rclpy.UnknownROSArgsError as error:
         return leave(nodes, f'{prog}: unknown ROS arguments {error}', 2)
     except (ImpulseControlError, _rclpy.RCLError) as error:

@@ -1,5 +1,8 @@
 """``export_bag`` as a process."""
 
+import os
+import subprocess
+
 import pandas as pd
 import pytest
 
@@ -41,6 +44,21 @@ def test_a_bag_becomes_a_csv_file_and_replaces_the_one_before(export, recorded, 
     for bag in ('left', 'underdamped'):
         assert export(recorded / bag, file).wait() == 0
     assert (pd.read_csv(file)['position'] == to_pandas(recorded / 'underdamped')['position']).all()
+
+
+@pytest.mark.parametrize('name', ['läuf', b'l\xe4uf'])
+@pytest.mark.parametrize('suffix', ['.csv', '.parquet'])
+@pytest.mark.parametrize('utf8', ['0', '1'])
+def test_a_file_may_have_any_name_in_any_locale(recorded, tmp_path, name, suffix, utf8):
+    file = tmp_path / (os.fsdecode(name) + suffix)
+    done = subprocess.run(
+        [BIN / 'export_bag', recorded / 'left', file],
+        env=os.environ | {'LC_ALL': 'C', 'PYTHONUTF8': utf8, 'PYTHONCOERCECLOCALE': '0'},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b'')
+    assert file.exists()
 
 
 def test_a_file_alone_without_its_folder_is_exported_too(export, recorded, tmp_path):

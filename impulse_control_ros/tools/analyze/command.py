@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from math import inf, isfinite
+import os
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
@@ -181,7 +182,7 @@ def runs_of(options: argparse.Namespace) -> Iterator[Run]:
         recording = with_positions(bag, read_bag(bag, **selection(options)))
         short = bag.resolve().name
         run = Run(
-            name=short if names[short] == 1 else str(bag),
+            name=printable(short if names[short] == 1 else str(bag)),
             path=bag,
             recording=recording,
             x_r=options.set_point,
@@ -212,6 +213,11 @@ def runs_of(options: argparse.Namespace) -> Iterator[Run]:
                 f'before; --set-point-change selects another of {len(run.responses)} responses',
             )
         yield run
+
+
+def printable(name: str) -> str:
+    """Return a file name as it is shown: it may be no UTF-8, which no font has."""
+    return os.fsencode(name).decode(errors='replace')
 
 
 def with_positions(bag: Path, recording: Recording) -> Recording:
