@@ -1,87 +1,125 @@
 """Read the messages of chosen topics of a bag in time order, for playback."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
+import numpy as np
 import yaml
 
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag_reader import items
+from impulse_control_ros.files.experiment import LAST_SECOND
 from impulse_control_ros.files.mcap_reader import Column
 
 Message = tuple[int, str, bytes]  # log time [ns], topic, CDR
-Offers = dict[str, tuple[str, dict[str, Any]]]  # type and offered quality of service
-Spans = dict[str, tuple[int, int]]
+YEAR = 366 * 86_400 * SECOND
 
 
-def surveyed(bag: Path) -> tuple[Offers, Spans]:
-    """Return, by topic, type and quality of service, and the first and last log time [ns]."""
+class Offer(NamedTuple):
+    """What the channels of a topic tell: types, encodings, and the QoS of its publishers."""
+
+    kinds: set[str]
+    encodings: set[str]
+    profiles: str
+
+    @property
+    def kind(self) -> str:
+        """The type of its messages; raises `BagError` where they cannot be published."""
+        if self.encodings != {'cdr'}:
+            raise BagError(f'its messages are {", ".join(sorted(self.encodings))}, not cdr')
+        if '' in self.kinds:
+            raise BagError('its channel has no schema')
+        if len(self.kinds) > 1:
+            raise BagError(f'it has several types: {", ".join(sorted(self.kinds))}')
+        return min(self.kinds)
+
+    @property
+    def qos(self) -> Mapping[str, Any]:
+        """What the first publisher that was recorded offers; raises `BagError`."""
+        try:
+            offers = yaml.safe_load(self.profiles) or [{}]
+            return dict(offers[0])
+        except (yaml.YAMLError, LookupError, TypeError, ValueError, RecursionError):
+            raise BagError('its offered_qos_profiles cannot be read') from None
+
+
+def surveyed(bag: Path) -> tuple[dict[str, Offer], dict[str, list[np.ndarray]]]:
+    """Return, by topic, what its channels tell, and the log times [ns] of its messages."""
     kinds: dict[int, str] = {}
-    found: Offers = {}
-    spans: Spans = {}
+    found: dict[str, Offer] = {}
+    times: dict[str, list[np.ndarray]] = {}
     for item in items(bag):
         if isinstance(item, Schema):
             kinds[item.id] = item.name
         elif isinstance(item, Channel):
-            found[item.topic] = kinds.get(item.schema_id, ''), offered_by(item)
+            profiles = item.metadata.get('offered_qos_profiles', '')
+            offer = found.setdefault(item.topic, Offer(set(), set(), profiles))
+            offer.kinds.add(kinds.get(item.schema_id, ''))
+            offer.encodings.add(item.message_encoding)
         elif isinstance(item, Column):
-            first, last = int(item.time.min()), int(item.time.max())
-            before = spans.get(item.topic, (first, last))
-            spans[item.topic] = min(before[0], first), max(before[1], last)
-    return found, spans
+            times.setdefault(item.topic, []).append(item.time)
+    return found, times
 
 
-def chosen(found: Offers, wanted: Sequence[str] | None) -> Offers:
+def chosen(found: Mapping[str, Offer], wanted: Sequence[str] | None) -> dict[str, Offer]:
     """
-    Return the ``wanted`` topics among those ``found``, or all.
+    Return the topics ``wanted`` of those ``found``, or all; a slash in front does not matter.
 
     Raises `ParameterError` if a topic is not in the bag.
     """
     if wanted is None:
-        return found
-    names = [f'/{name.lstrip("/")}' for name in wanted]
-    for name in names:
-        if name not in found:
+        return dict(found)
+    names = {name.strip('/'): name for name in found}
+    for name in wanted:
+        if name.strip('/') not in names:
             raise refusal('topic', name, f'one of the bag: {", ".join(found)}')
-    return {name: found[name] for name in names}
+    return {names[name.strip('/')]: found[names[name.strip('/')]] for name in wanted}
 
 
-def offered_by(channel: Channel) -> dict[str, Any]:
-    """Return the QoS that the first recorded publisher offers; raises `BagError`."""
-    try:
-        offers = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '')) or [{}]
-        return dict(offers[0])
-    except (yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
-        raise BagError(f'offered_qos_profiles of {channel.topic} cannot be read') from None
+def span_of(times: Sequence[np.ndarray]) -> tuple[int, int]:
+    """
+    Return the first and the last [ns] of log times that are in ROS time and within a year.
+
+    The year is that around their median: other clocks have told the rest. Raises `BagError`
+    where there is none.
+    """
+    every = np.concatenate([np.zeros(0, np.int64), *times])
+    every = every[(every >= 0) & (every < LAST_SECOND * SECOND)]
+    if not len(every):
+        raise BagError('no message has a log time before the year 2038')
+    middle = np.partition(every, len(every) // 2)[len(every) // 2]
+    near = every[np.abs(every - middle) < YEAR]
+    return int(near.min()), int(near.max())
 
 
-def start_of(spans: Sequence[tuple[int, int]], offset: float) -> int:
-    """Return the log time [ns] to start at; raises `ParameterError` for an invalid offset."""
-    first, last = min(first for first, _ in spans), max(last for _, last in spans)
+def start_of(first: int, last: int, offset: float) -> int:
+    """Return the log time [ns] at which to start; raises `ParameterError` for the offset."""
     if not 0.0 <= offset <= (last - first) / SECOND:
         raise refusal('--start-offset', offset, f'in [0, {(last - first) / SECOND:g}] [s]')
     return first + round(offset * SECOND)
 
 
-def in_order(bag: Path, topics: set[str], start_ns: int) -> Iterator[Message]:
-    """Yield (log time [ns], topic, bytes) from ``start_ns`` on, chunk by chunk."""
+def in_order(bag: Path, topics: set[str], first: int, last: int) -> Iterator[Message]:
+    """Yield (log time [ns], topic, bytes) of the ``first`` to the ``last`` time, by chunks."""
     chunk: list[Column] = []
     for item in items(bag):
         if isinstance(item, Column):
             if chunk and item.content is not chunk[0].content:
-                yield from of_chunk(chunk, topics, start_ns)
+                yield from of_chunk(chunk, topics, first, last)
                 chunk = []
             chunk.append(item)
-    yield from of_chunk(chunk, topics, start_ns)
+    yield from of_chunk(chunk, topics, first, last)
 
 
-def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterator[Message]:
-    """Yield the messages of one chunk on ``topics``, in time order."""
+def of_chunk(
+    chunk: Sequence[Column], topics: set[str], first: int, last: int
+) -> Iterator[Message]:
+    """Yield the messages of one chunk's ``topics`` in the order of time."""
     messages = [
         (time, start, size, column)
         for column in chunk
@@ -89,7 +127,7 @@ def of_chunk(chunk: Sequence[Column], topics: set[str], start_ns: int) -> Iterat
         for time, start, size in zip(
             column.time.tolist(), column.start.tolist(), column.size.tolist(), strict=True
         )
-        if time >= start_ns
+        if first <= time <= last
     ]
     for time, start, size, column in sorted(messages, key=itemgetter(0, 1)):
         yield time, column.topic, column.content[start : start + size].tobytes()

@@ -7,14 +7,19 @@ The response of ~/pause has the number of subscribers.
 """
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import monotonic
 from typing import Any
 
+import numpy as np
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -25,10 +30,10 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.experiment import cpu_core_parameter
-from impulse_control_ros.files.playback import chosen, in_order, start_of, surveyed
+from impulse_control_ros.files.playback import chosen, in_order, Offer, span_of, start_of, surveyed
 from impulse_control_ros.files.topics import CLOCK
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.spin import first_line, IDLE, main as run_node
 from impulse_control_ros.nodes.topics import deep_qos, message_class, SERIES_QOS
 
 AT_ONCE = 1000  # messages per poll at most
@@ -59,34 +64,65 @@ class Player(ParameterNode):
             ],
         )
         self._path = options.bag
-        found, spans = surveyed(self._path)
-        self._topics = chosen(found, options.topics)
-        self._outputs = {
-            name: self.create_publisher(message_class(kind), name, replayed_qos(offered))
-            for name, (kind, offered) in self._topics.items()
-        }
+        found, times = surveyed(self._path)
+        self._outputs: dict[str, Publisher] = {}
+        self._make_outputs(chosen(found, options.topics))
         self._time = (
             None if CLOCK in self._outputs else self.create_publisher(Clock, CLOCK, SERIES_QOS)
         )
         self._rate = self.parameters.rate
         self._paused = options.start_paused
         self._published = 0
+        self._refused = Counter[str]()
         self._time_at = 0.0
-        heard = [spans[name] for name in self._topics if name in spans]
-        if not heard:
-            raise BagError(
-                f'{self._path}: no message on {", ".join(sorted(self._topics)) or "any topic"}'
-            )
-        self._start_ns = start_of(heard, options.start_offset or 0.0)
+        self._start_ns, self._end_ns = self._span(times, options.start_offset or 0.0)
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.get_logger().info(
             ('paused: ' if self._paused else '') + f'{options.bag} from '
-            f'{self._start_ns / SECOND:.9f} s, {", ".join(self._topics)}'
+            f'{self._start_ns / SECOND:.9f} s, {", ".join(self._outputs)}'
         )
 
+    def _make_outputs(self, offers: Mapping[str, Offer]) -> None:
+        """Make the publishers; what cannot be published is left out with a warning."""
+        reasons = {}
+        for name, offer in offers.items():
+            try:
+                kind = message_class(offer.kind)
+                self._outputs[name] = self.create_publisher(kind, name, self._qos(name, offer))
+            except (BagError, NameValidationException, RuntimeError) as error:
+                reasons[name] = first_line(error)
+        if reasons and not self._outputs:
+            told = '; '.join(f'{name}: {reason}' for name, reason in reasons.items())
+            raise BagError(f'{self._path}: no topic can be published: {told}')
+        for name, reason in reasons.items():
+            self.get_logger().warning(f'{name} is left out: {reason}')
+
+    def _qos(self, name: str, offer: Offer) -> QoSProfile:
+        try:
+            return replayed_qos(offer.qos)
+        except BagError as error:
+            self.get_logger().warning(f'{name}: {error}: reliable and volatile are taken')
+            return replayed_qos({})
+
+    def _span(self, times: Mapping[str, Sequence[np.ndarray]], offset: float) -> tuple[int, int]:
+        """Return the first and the last log time [ns] of what is published."""
+        ours = [part for name in self._outputs for part in times.get(name, ())]
+        if not ours:
+            raise BagError(
+                f'{self._path}: no message on {", ".join(sorted(self._outputs)) or "any topic"}'
+            )
+        first, last = span_of(ours)
+        strange = sum(int(np.count_nonzero((part < first) | (part > last))) for part in ours)
+        if strange:
+            self.get_logger().warning(
+                f'{strange} messages are left out: their log time is no time, or a year or more '
+                'from the others'
+            )
+        return start_of(first, last, offset), last
+
     def _begin(self) -> None:
-        self._messages = in_order(self._path, set(self._topics), self._start_ns)
+        self._messages = in_order(self._path, set(self._outputs), self._start_ns, self._end_ns)
         self._next = next(self._messages, None)
         self._origin, self._anchor = self._start_ns, monotonic()
 
@@ -96,7 +132,8 @@ class Player(ParameterNode):
         """Return the current bag time [ns]."""
         if self._paused:
             return self._origin
-        return self._origin + round((monotonic() - self._anchor) * self._rate * SECOND)
+        passed = (monotonic() - self._anchor) * self._rate * SECOND
+        return self._origin + round(min(passed, self._end_ns - self._origin))
 
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Continue from here at the new rate."""
@@ -123,14 +160,26 @@ class Player(ParameterNode):
             if not self._next or self._next[0] > now:
                 break
             _, topic, raw = self._next
-            self._outputs[topic].publish(raw)
-            self._published += 1
+            self._publish(topic, raw)
             self._next = next(self._messages, None)
         self._tell_time(now)
         if not self._next:
             self._end()
             return 0.0
         return min(max(self._next[0] - self._now(), 0) / SECOND / self._rate, self._until_time())
+
+    def _publish(self, topic: str, raw: bytes) -> None:
+        """Publish a message; one that the middleware refuses is left out."""
+        try:
+            self._outputs[topic].publish(raw)
+            self._published += 1
+        except _rclpy.RCLError as error:
+            self._refused[topic] += 1
+            if self._refused[topic] == 1:
+                self.get_logger().warning(
+                    f'{topic}: a message of {len(raw)} bytes is left out, as others like it: '
+                    f'{first_line(error)}'
+                )
 
     def _until_time(self) -> float:
         return min(max(self._time_at - monotonic(), 0.0), IDLE) if self._time else IDLE
@@ -146,7 +195,11 @@ class Player(ParameterNode):
             self._begin()
         else:
             self.finished = True
-            self.get_logger().info(f'{self._published} messages published')
+            refused = self._refused.total()
+            self.get_logger().info(
+                f'{self._published} messages published'
+                + (f', {refused} left out' if refused else '')
+            )
 
     def close(self) -> None:
         """Wait until the sent messages are acknowledged."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
+import re
 from typing import Any
 
 from rclpy.node import Node
@@ -11,7 +12,8 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_DEPTH
 
-SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message per sample
+INTERFACE = re.compile(r'^(\w+)/(msg|srv|action)/(\w+)$')
+SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample
 SLOW_QOS = QoSProfile(depth=SLOW_DEPTH)
 LATCHED_QOS = QoSProfile(depth=SLOW_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # plant and controller resend lost messages; best effort also matches any driver
@@ -80,9 +82,15 @@ def qos_keys(qos: QoSProfile) -> dict[str, Any]:
 
 
 def message_class(kind: str) -> type:
-    """Return the class of pkg/msg/Name; raises `BagError` if it is not installed."""
-    package, _, name = kind.partition('/msg/')
+    """
+    Return the class of a type; raises `BagError` if it is not installed.
+
+    Besides pkg/msg/Name, that is pkg/srv/Name_Event and what belongs to an action, as
+    pkg/action/Name_FeedbackMessage.
+    """
     try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError):
+        package, folder, name = INTERFACE.findall(kind)[0]
+        interface = getattr(import_module(f'{package}.{folder}'), name.partition('_')[0])
+        return getattr(import_module(interface.__module__), name)
+    except (LookupError, ImportError, AttributeError):
         raise BagError(f'message type {kind!r} is not installed') from None

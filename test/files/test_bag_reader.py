@@ -20,7 +20,7 @@ from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag_reader import files_of
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.definition import message_definition
-from impulse_control_ros.files.playback import in_order, surveyed
+from impulse_control_ros.files.playback import in_order, span_of, surveyed
 from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import START, STORE
 
@@ -64,10 +64,11 @@ def is_whole(bag):
     assert run.states['position'].tolist() == POSITIONS
     assert run.effort.tolist() == [5.0] * COUNT
     assert (run.unread, run.lacks) == (None, ['the parameters of the controller are missing'])
-    found, spans = surveyed(bag)
-    assert found[TOPIC][0] == JOINT_STATE
-    assert spans[TOPIC] == (START, START + (COUNT - 1) * MS)
-    played = list(in_order(bag, {TOPIC, '/joint_commands'}, START))
+    found, times = surveyed(bag)
+    assert found[TOPIC].kind == JOINT_STATE
+    span = span_of(times[TOPIC])
+    assert span == (START, START + (COUNT - 1) * MS)
+    played = list(in_order(bag, {TOPIC, '/joint_commands'}, *span))
     assert [time for time, _, _ in played] == sorted(2 * [START + k * MS for k in range(COUNT)])
     assert [raw for _, topic, raw in played if topic == TOPIC] == [*map(message, range(COUNT))]
     return True
@@ -139,7 +140,7 @@ def test_what_a_killed_recorder_left_in_the_log_of_a_database_is_read(tmp_path):
         database.commit()
         for suffix in ('', '-wal'):
             shutil.copy(f'{file}{suffix}', f'{copy}{suffix}')
-    assert surveyed(copy)[1][TOPIC][0] == START + 1
+    assert span_of(surveyed(copy)[1][TOPIC])[0] == START + 1
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Bags replayed: computed once more to the same bits, and played on the graph."""
 
+from mcap.writer import Writer
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
@@ -8,6 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.protocol import parse_command
 from impulse_control_ros.files.bag import BagWriter, Topic
+from impulse_control_ros.files.cdr import encode_float64
 from impulse_control_ros.files.mcap_reader import Column, columns
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.recording import read_bag
@@ -254,7 +256,7 @@ def test_what_cannot_be_run_again_is_refused_in_one_line(graph, record, replay, 
         ((tmp_path / 'bare', '--closed-loop'), 'no node of it has the parameters of a plant'),
         ((tmp_path / 'nowhere', '--closed-loop'), 'nowhere'),
         ((tmp_path / 'nowhere',), 'nowhere'),
-        ((bag, '--topics', 'elbow'), '/elbow'),
+        ((bag, '--topics', 'elbow'), "topic = 'elbow'"),
         ((bag, '--rate', '0'), 'rate = 0.0'),
         ((bag, '--start-offset', '9'), '[0, 0.05]'),
     ):
@@ -331,6 +333,79 @@ def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
     file = CONFIG / 'underdamped.yaml'
     assert status_of('replay', foreign, '--controller', '--params', file) == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
+
+
+def foreign(path, channels):
+    """
+    Write an MCAP file of (topic, type, encoding, QoS, messages) by channel, in that order.
+
+    A message is (log time [ns], bytes). A type of '' is no schema.
+    """
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2')
+        for topic, kind, encoding, qos, messages in channels:
+            schema = writer.register_schema(kind, 'ros2msg', b'') if kind else 0
+            metadata = {'offered_qos_profiles': qos}
+            channel = writer.register_channel(topic, encoding, schema, metadata)
+            for time, raw in messages:
+                writer.add_message(channel, time, raw, time)
+        writer.finish()
+    return path
+
+
+ONCE = [(10**9, encode_float64(1.0))]
+LEFT_OUT = {
+    '/unknown': (
+        ('strange_msgs/msg/Strange', 'cdr'),
+        "'strange_msgs/msg/Strange' is not installed",
+    ),
+    '/call/_service_event': (('strange/srv/Call_Event', 'cdr'), 'is not installed'),
+    '/go/_action/feedback': (('strange/action/Go_FeedbackMessage', 'cdr'), 'is not installed'),
+    '/other': (('std_msgs/msg/Float64_Event', 'cdr'), 'is not installed'),
+    '/bare': (('', 'cdr'), 'its channel has no schema'),
+    '/text': (('std_msgs/msg/Float64', 'json'), 'its messages are json, not cdr'),
+    '/no name': (('std_msgs/msg/Float64', 'cdr'), 'Invalid topic name'),
+}
+
+
+def test_what_cannot_be_played_is_left_out_with_its_reason(replay, tmp_path):
+    bag = foreign(
+        tmp_path / 'bag.mcap',
+        [
+            *((name, *kind, '', ONCE) for name, (kind, _) in LEFT_OUT.items()),
+            # an event that is installed, QoS that is no YAML, too large a message
+            ('/switch/_service_event', 'std_srvs/srv/SetBool_Event', 'cdr', '', ONCE),
+            ('good', 'std_msgs/msg/Float64', 'cdr', '{[', ONCE),
+            ('/large', 'std_msgs/msg/Float64', 'cdr', '', [(10**9, bytes(10**6))]),
+        ],
+    )
+    status, said = replay(bag)
+    lines = said.splitlines()
+    assert status == 0, said
+    for name, (_, reason) in LEFT_OUT.items():
+        assert [line for line in lines if f'{name} is left out: ' in line and reason in line], name
+    assert 'good: its offered_qos_profiles cannot be read: reliable and volatile are' in said
+    assert '/large: a message of 1000000 bytes is left out' in said
+    assert '2 messages published, 1 left out' in said
+    status, said = replay(bag, '--topics', 'unknown', 'bare')
+    assert (status, len(said.splitlines())) == (2, 1), said
+    assert 'no topic can be published: /unknown: message type' in said
+    assert '; /bare: its channel has no schema' in said
+
+
+@pytest.mark.parametrize('strange', [0, 2**63 - 1, 2**64 - 1])
+def test_messages_with_a_log_time_far_from_all_others_are_left_out(replay, tmp_path, strange):
+    now = 1_790_000_000 * 10**9
+    times = [now, strange, now + 10**6, now + 10**9]
+    bag = foreign(
+        tmp_path / 'bag.mcap',
+        [('a', 'std_msgs/msg/Float64', 'cdr', '', [(time, ONCE[0][1]) for time in times])],
+    )
+    status, said = replay(bag, '--topics', '/a', '--rate', '1e300')
+    assert status == 0, said
+    assert '1 messages are left out: their log time' in said
+    assert '3 messages published' in said
 
 
 def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, record):
