@@ -176,14 +176,32 @@ class BagContent:
         if self._topics and not states:
             raise ValueError(
                 f'no joint_states of joint {self.joint!r} among its topics '
-                f'{", ".join(sorted(map(self._typed, self._topics)))}'
+                f'{", ".join(sorted(map(self._typed, self._topics)))}{self._why_no_states()}'
             )
+        self._note_unreadable()
         topic = one_of(f'states of joint {self.joint!r}', states, self.selection)
         near = namespace_of(topic)
         answers = (self._one(role, read[role], near) for role in (JOINT_COMMANDS, IMPULSE_EVENTS))
         damping = self._damping.get(one_of(DAMPING, self._damping, self.selection, near), [])
         every = Series(states.get(topic) or self._none(JOINT_STATES), *answers)
         return self._timed(every, damping, near)
+
+    def _why_no_states(self) -> str:
+        """Return why messages on topics of states are none, '' where there is no such message."""
+        return ''.join(
+            f'; the messages on {topic} cannot be read: {reason}'
+            for topic, table in self._tables[JOINT_STATES].items()
+            for reason in (*table.unreadable, *(f'{one} is empty' for one in table.empty))
+        )
+
+    def _note_unreadable(self) -> None:
+        """Note the messages that cannot be read."""
+        self.notes += [
+            f'{count} messages on {topic} are left out: {reason}'
+            for tables in self._tables.values()
+            for topic, table in tables.items()
+            for reason, count in table.unreadable.items()
+        ]
 
     def _with_states(self, found: Mapping[str, Messages]) -> dict[str, Messages]:
         """Return the messages by topic, of topics with states of the joint or selected run."""

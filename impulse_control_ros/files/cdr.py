@@ -19,6 +19,7 @@ FIELDS = ('position', 'velocity', 'effort')
 COMMANDED = ('effort',)
 WITHOUT_VELOCITY = ('position', 'effort')  # of a sensor that measures positions only
 LITTLE_ENDIAN_CDR = b'\x00\x01\x00\x00'
+BIG_ENDIAN = b'\x00\x00'
 _FRAME_ID_AT = 12  # behind the stamp
 _HEADER = struct.Struct('<4sIII')  # stamp, and the length of the string behind it
 
@@ -152,23 +153,44 @@ def layout_in(raw: bytes, joint: str | None = None) -> JointStateLayout | None:
     Each field must be empty or have a value for each joint.
     """
     try:
-        frame_id, at = _string_at(raw, _FRAME_ID_AT)
-        count, at = _count_at(raw, at)
-        joints = []
-        for _ in range(count):
-            name, at = _string_at(raw, at)
-            joints.append(name)
-        filled = []
-        for field in FIELDS:
-            values, at = _count_at(raw, at)
-            if values:
-                at += (4 - at) % 8 + 8 * values
-                filled.append(field)
+        frame_id, joints, sizes = _parsed(raw)
     except (struct.error, UnicodeDecodeError):
         return None
     wanted = joints[0] if joint is None and joints else joint
+    filled = [field for field, size in sizes.items() if size]
     layout = JointStateLayout(wanted, frame_id, filled, joints) if wanted in joints else None
     return layout if layout and layout.decode(raw) else None
+
+
+def why_unreadable(raw: bytes) -> str:
+    """Return why `layout_in` finds no layout in a message."""
+    if raw[:2] == BIG_ENDIAN:
+        return 'they are big-endian CDR; little-endian is read'
+    if raw[:4] != LITTLE_ENDIAN_CDR:
+        return f'they begin with {raw[:4].hex() or "nothing"}, which is no plain CDR'
+    try:
+        _, joints, sizes = _parsed(raw)
+    except (struct.error, UnicodeDecodeError):
+        return 'they are no JointState, or cut off'
+    for field, size in sizes.items():
+        if size not in (0, len(joints)):
+            return f'{field} has {size} values for {len(joints)} joints'
+    return 'they are cut off' if joints else 'they name no joint'
+
+
+def _parsed(raw: bytes) -> tuple[str, list[str], dict[str, int]]:
+    """Return the frame_id, the joints, and the number of values of each field, of a message."""
+    frame_id, at = _string_at(raw, _FRAME_ID_AT)
+    count, at = _count_at(raw, at)
+    joints, sizes = [], {}
+    for _ in range(count):
+        name, at = _string_at(raw, at)
+        joints.append(name)
+    for field in FIELDS:
+        sizes[field], at = _count_at(raw, at)
+        if sizes[field]:
+            at += (4 - at) % 8 + 8 * sizes[field]
+    return frame_id, joints, sizes
 
 
 def _count_at(raw: bytes, at: int) -> tuple[int, int]:

@@ -6,6 +6,7 @@ frame_id, joints and fields have the same layout: it is found in the first messa
 of them at once. A message with stamp 0 answers no state.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from impulse_control_ros.files.cdr import (
     FLOAT64,
     JointStateLayout,
     layout_in,
+    why_unreadable,
 )
 from impulse_control_ros.files.mcap_reader import Column
 
@@ -131,7 +133,8 @@ class JointStateTable:
     """
     The messages of one topic as rows of dtype ``kind``, for ``joint`` if there are several.
 
-    ``joints`` are the names of all joints in the messages.
+    ``joints`` are all that its messages name. ``unreadable`` tells why messages are no rows, and
+    how many; ``empty`` are the fields that those of the joint lack.
     """
 
     def __init__(self, kind: np.dtype[Any], joint: str) -> None:
@@ -144,6 +147,8 @@ class JointStateTable:
         self._numbers: dict[Origin, int] = {}
         self._layouts: dict[int, list[Known]] = {}
         self.joints: set[str] = set()
+        self.unreadable = Counter[str]()
+        self.empty: set[str] = set()
 
     def add(self, column: Column, place: np.ndarray, in_place: bool) -> None:
         """Add messages; if ``in_place``, only messages whose publish time is their stamp."""
@@ -186,12 +191,14 @@ class JointStateTable:
     def _known(self, raw: bytes) -> Known:
         """Return the layout of a message, None if invalid, and the number of its origin."""
         layout = layout_in(raw, self._joint) or layout_in(raw)
-        self.joints.update(layout.joints if layout else ())
-        if not (
-            layout
-            and (layout.joint == self._joint or len(layout.joints) == 1)
-            and set(NEEDED[self._kind]) <= set(layout.fields)
-        ):
+        if layout is None:
+            self.unreadable[why_unreadable(raw)] += 1
+            return layout, NOT_OURS
+        self.joints.update(layout.joints)
+        if layout.joint != self._joint and len(layout.joints) > 1:
+            return layout, NOT_OURS
+        if empty := {*NEEDED[self._kind]} - {*layout.fields}:
+            self.empty |= empty
             return layout, NOT_OURS
         parse = parse_state if self._kind is SAMPLE else parse_command
         origin = Origin(layout.joint, parse(layout.frame_id))

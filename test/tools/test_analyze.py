@@ -7,6 +7,7 @@ from io import StringIO
 import json
 import re
 import signal
+import struct
 import subprocess
 
 from hypothesis import given, settings, strategies as st
@@ -18,7 +19,13 @@ from impulse_control_ros.core.metric_catalogue import METRICS
 from impulse_control_ros.core.metrics import COUNTS, figures, work
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter
-from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout
+from impulse_control_ros.files.cdr import (
+    encode_float64,
+    FIELDS,
+    JointStateLayout,
+    LITTLE_ENDIAN_CDR,
+    string,
+)
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.recording import read_bag
 from impulse_control_ros.tools.analyze.command import NAME
@@ -355,6 +362,21 @@ def test_states_without_a_position_are_left_out_with_a_warning(tmp_path, capsys,
     ) in analyzed(capsys, bags[1])[2]
 
 
+def test_states_that_cannot_be_read_are_left_out_with_the_reason(tmp_path, capsys):
+    states = [STATE.encode(1, k, 0.5, 0.0, 0.0) for k in range(8)]
+    states[2:4] = joint_state(2, 1), joint_state(2, 1)
+    states[5] = b'\0\0' + states[5][2:]
+    bag = recorded_elsewhere(tmp_path / 'bag', sent((0, STATES, raw) for raw in states))
+    code, _, err = analyzed(capsys, bag)
+    assert code == 0
+    for reason in (
+        '2 messages on /joint_states are left out: position has 1 values for 2 joints',
+        '1 messages on /joint_states are left out: they are big-endian CDR',
+    ):
+        assert reason in err[0]
+    assert responses(capsys, bag)[0]['samples'] == 5
+
+
 def test_a_bag_that_begins_in_mid_run_says_so(tmp_path, capsys):
     made = experiment('underdamped')
     run = simulate(made.plant, made.gains, 0.3)
@@ -485,6 +507,17 @@ def other_joints(path, bag):
     with_topic('/joint_states', 'sensor_msgs/msg/JointState', raw)(path, bag)
 
 
+def of_states(raw):
+    return with_topic('/joint_states', 'sensor_msgs/msg/JointState', raw)
+
+
+def joint_state(joints, positions):
+    """Return a JointState with that many joints and positions."""
+    data = LITTLE_ENDIAN_CDR + struct.pack('<III', 1, 0, 1) + bytes(4)
+    data += struct.pack('<I', joints) + b''.join(string('j00') for _ in range(joints))
+    return data + struct.pack('<I', positions) + bytes(4 + 8 * positions + 8)
+
+
 def without_messages(path, bag):
     BagWriter(path).close()
 
@@ -507,6 +540,23 @@ BAD = {
         'no joint_states .* /joint_states \\(std_msgs/msg/Float64\\)',
     ),
     'other joints': (other_joints, 'its joints are elbow, wrist: choose one with --joint'),
+    'fewer positions than names': (
+        of_states(joint_state(2, 1)),
+        '/joint_states cannot be read: position has 1 values for 2 joints',
+    ),
+    'more positions than names': (
+        of_states(joint_state(1, 3)),
+        '/joint_states cannot be read: position has 3 values for 1 joints',
+    ),
+    'no names': (of_states(joint_state(0, 0)), 'cannot be read: they name no joint'),
+    'no positions': (
+        of_states(JointStateLayout('axis', '', ('velocity',)).encode(1, 0, 0.0)),
+        'cannot be read: position is empty',
+    ),
+    'big-endian': (of_states(b'\0\0' + STATE.encode(1, 0, 0, 0, 0)[2:]), 'big-endian CDR'),
+    'another encoding': (of_states(b'{"name": []}'), 'begin with 7b226e61, which is no plain CDR'),
+    'cut off states': (of_states(STATE.encode(1, 0, 0, 0, 0)[:-4]), 'cut off'),
+    'empty states': (of_states(b''), 'begin with nothing'),
 }
 
 
