@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+import logging
 import math
 import os
 import signal
@@ -71,6 +72,15 @@ def warn(name: str, text: str) -> None:
     print(f'{name}: warning: {text}', file=sys.stderr)
 
 
+def log_to_stderr(name: str) -> None:
+    """Print what the package logs, as lines of the command ``name``."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter(f'{name}: %(message)s'))
+    logger = logging.getLogger('impulse_control_ros')
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+
+
 def exit_status(name: str, command: Callable[[], int]) -> int:
     """Run ``command``, print its error if there is one, and return the exit status."""
     try:
@@ -92,6 +102,7 @@ def exit_status(name: str, command: Callable[[], int]) -> int:
 def run(name: str, module: str, patience: float = math.inf) -> int:
     """Run the command ``name`` of a module of this package; returns the exit status."""
     stop = StopRequest(patience)
+    log_to_stderr(name)
     main = import_module(f'impulse_control_ros.{module}').main
     status = exit_status(name, partial(main, stop))
     stop.ignore()

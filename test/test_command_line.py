@@ -57,16 +57,21 @@ def simulated(folder, **streams):
     )
 
 
+def said(process):
+    """Return what the process said, but for its first start on this machine."""
+    return [line for line in process.stderr if ': compiling for this machine' not in line]
+
+
 def test_a_closed_pipe_ends_a_command_without_a_word(tmp_path):
     with simulated(tmp_path, stdout=subprocess.PIPE) as process:
         process.stdout.close()
-        assert process.stderr.read() == ''
+        assert said(process) == []
     assert process.returncode == 1
 
 
 def test_a_full_disk_behind_stdout_is_named(tmp_path):
     with open('/dev/full', 'w') as full, simulated(tmp_path, stdout=full) as process:
-        assert process.stderr.read() == 'simulate: stdout: No space left on device\n'
+        assert said(process) == ['simulate: stdout: No space left on device\n']
     assert process.returncode == 1
 
 

@@ -10,15 +10,15 @@ Products in place of sin, cos and exp. The flow itself is evaluated where an arc
 ANCHOR samples, so that rounding errors do not add up.
 """
 
-import numba
 import numpy as np
 
 from impulse_control_ros.core.flow import flow, response
+from impulse_control_ros.core.jit import kernel
 
 ANCHOR = 16
 
 
-@numba.njit(cache=True)
+@kernel()
 def evaluate(arcs, axis, gains, times, errors, velocities):
     """Fill ``errors`` and ``velocities`` at ``times``, all (n,): after the jumps of a time."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
@@ -43,7 +43,7 @@ def evaluate(arcs, axis, gains, times, errors, velocities):
             )
 
 
-@numba.njit(cache=True)
+@kernel()
 def sample(arcs, axis, gains, time_step, times, errors, velocities):
     """Fill ``times`` k ``time_step``, ``errors`` and ``velocities``, all (n,): after the jumps."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m

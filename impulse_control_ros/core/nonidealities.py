@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
-from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.jit import compiled, record
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 
 VELOCITIES = ('ideal', 'difference', 'none')
@@ -44,7 +44,7 @@ MOST_DELAY = 1000
 LEAST_STEP = 1e-12  # m
 # Each noise counts from a place of its own in the stream of a seed; damping counts from 0.
 POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
-HARDWARE = np.dtype(
+HARDWARE = record(
     [
         ('resolution', 'f8'),
         ('position_noise', 'f8'),
@@ -70,7 +70,7 @@ HARDWARE = np.dtype(
     ]
 )
 # What the hardware remembers: the measured state, the actuator's output, commands on their way.
-HARDWARE_STATE = np.dtype(
+HARDWARE_STATE = record(
     [
         ('position', 'f8'),
         ('velocity', 'f8'),

@@ -18,10 +18,10 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
-import numba
 import numpy as np
 from zstandard import ZstdError
 
+from impulse_control_ros.core.jit import kernel
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.mcap_chunk import AHEAD, MESSAGE as HEADER, ROOM
 from impulse_control_ros.files.mcap_writer import MAGIC
@@ -205,7 +205,7 @@ def rows_at(content: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(content, size)[start]
 
 
-@numba.njit(cache=True)
+@kernel()
 def walk(content: Any) -> Any:
     """Return where schemas and channels start, where messages, and where the last record ends."""
     most = len(content) // AHEAD
