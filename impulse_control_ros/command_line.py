@@ -24,7 +24,7 @@ from impulse_control_ros.errors import (
     UsageError,
 )
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RUN_HELP = (
     'of a bag with several runs, the one with this id or, for a foreign plant, in this '
     'namespace; the longest one if not given'
@@ -32,13 +32,14 @@ RUN_HELP = (
 
 
 class StopRequest:
-    """A flag set by SIGINT and SIGTERM; more of them than ``patience`` end the process at once."""
+    """A flag set by `SIGNALS`; more of them than ``patience`` end the process at once."""
 
     def __init__(self, patience: float = math.inf) -> None:
         self.requested = False
         self._patience = patience
         for number in SIGNALS:
-            signal.signal(number, self._request)
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
+                signal.signal(number, self._request)
 
     def _request(self, *_: Any) -> None:
         self.requested = True
@@ -48,7 +49,7 @@ class StopRequest:
             os._exit(1)
 
     def ignore(self) -> None:
-        """Ignore both signals from now on: the interpreter restores the handlers on exit."""
+        """Ignore the signals from now on: the interpreter restores the handlers on exit."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 

@@ -93,3 +93,17 @@ signal.raise_signal(signal.SIGTERM)
         [sys.executable, '-c', code], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (int(patience == 0), f'{expected}\n')
+
+
+@pytest.mark.parametrize(('before', 'expected'), [('SIG_DFL', 'True'), ('SIG_IGN', 'False')])
+def test_a_hangup_is_a_request_to_stop_except_under_nohup(before, expected):
+    code = f"""
+import signal
+from impulse_control_ros.command_line import StopRequest
+signal.signal(signal.SIGHUP, signal.{before})
+stop = StopRequest()
+signal.raise_signal(signal.SIGHUP)
+print(stop.requested)
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout == f'{expected}\n'
