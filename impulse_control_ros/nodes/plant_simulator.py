@@ -138,9 +138,10 @@ class PlantSimulator(ParameterNode):
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
-                raise UnreadableError(f'effort {effort}', sender.author == FOREIGN)
+                # foreign hardware sends nan while no controller is active
+                raise UnreadableError(f'effort {effort}', is_normal=sender.author == FOREIGN)
         except UnreadableError as error:
-            self._report.reject(*error.args)
+            self._report.reject(error)
             return
         before = self.arbiter.header.controller
         verdict = self.arbiter.take(sender, (sec, nanosec), effort, monotonic())
