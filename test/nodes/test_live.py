@@ -183,8 +183,7 @@ def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused
             (now if spec.read_only else other)[name] for name, spec in specs.items()
         ]
     assert client.set('plant_simulator', real_time_factor=0.0).successful
-    client.tell('/plant_simulator/pause', SetBool, data=False)
-    client.spin_until(lambda: not process.running, 'the end of the run')
+    assert client.call('/plant_simulator/pause', SetBool, once=True, data=False).success
     assert process.wait() == 0, process.output
     run = read_bag(graph.folder / 'bag')
     assert_whole(run)
@@ -230,6 +229,20 @@ def test_steps_are_made_only_while_paused_and_as_many_as_asked(client, live):
     assert not refused.success
     assert 'pause first' in refused.message
     finish(client, process, states)
+    for said in ('paused at ', 'steps requested at ', 'resumed at '):
+        assert process.output.count(said) == 1
+
+
+def test_a_run_that_starts_paused_begins_at_the_first_step(graph, client):
+    process = composed(graph, **{'plant_simulator:start_paused': True})
+    states = client.listen('/joint_states', JointState)
+    client.reported('plant_simulator', message='waiting for resume', recorders=1)
+    assert states == []
+    assert client.call('/plant_simulator/step', Trigger, once=True).success
+    client.spin_until(lambda: {stamp_of(one) for one in states} == {START, START + 100_000}, '2')
+    run = finish(client, process, states)
+    assert run.states['stamp'][0] == START
+    process.says('resumed at 1.000100000 s')
 
 
 def test_a_reset_restores_the_start_and_time_goes_on(graph, client, live):
@@ -243,6 +256,7 @@ def test_a_reset_restores_the_start_and_time_goes_on(graph, client, live):
         assert run.states[start]['position'] == 0.5
         assert run.states[start]['velocity'] == 0.0
     assert f'{run.states["stamp"][at] / SECOND:.9f}' in response.message
+    assert f'reset: {response.message}' in process.output
     assert list(run.impulses['guard'][run.impulses['stamp'] == run.states['stamp'][at]]) == [2]
     count = min(at, len(run.states) - at)
     assert run.states['position'][at : at + count].tobytes() == (
