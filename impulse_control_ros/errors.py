@@ -34,11 +34,7 @@ class MissingPackageError(ImpulseControlError, ImportError):
 
 
 class UnreadableError(ImpulseControlError):
-    """
-    A JointState lacks the requested values; the message gives the reason.
-
-    It ``is_normal`` on a topic that others share.
-    """
+    """A JointState lacks the requested values, which ``is_normal`` where others publish too."""
 
     def __init__(self, reason: str, is_normal: bool = False) -> None:
         super().__init__(reason)
