@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from io import TextIOWrapper
+import logging
 import math
 import os
 import signal
@@ -24,17 +25,18 @@ from impulse_control_ros.errors import (
     UsageError,
 )
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """A flag set by SIGINT and SIGTERM; more of them than ``patience`` end the process at once."""
+    """A flag set by `SIGNALS`; more of them than ``patience`` end the process at once."""
 
     def __init__(self, patience: float = math.inf) -> None:
         self.requested = False
         self._patience = patience
         for number in SIGNALS:
-            signal.signal(number, self._request)
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
+                signal.signal(number, self._request)
 
     def _request(self, *_: Any) -> None:
         self.requested = True
@@ -44,7 +46,7 @@ class StopRequest:
             os._exit(1)
 
     def ignore(self) -> None:
-        """Ignore both signals from now on: the interpreter restores the handlers on exit."""
+        """Ignore the signals from now on: the interpreter restores the handlers on exit."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
@@ -120,6 +122,15 @@ def warn(name: str, text: str) -> None:
     print(f'{name}: warning: {text}', file=sys.stderr)
 
 
+def log_to_stderr(name: str) -> None:
+    """Print what the package logs, as lines of the command ``name``."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter(f'{name}: %(message)s'))
+    logger = logging.getLogger('impulse_control_ros')
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+
+
 def exit_status(name: str, command: Callable[[], int]) -> int:
     """Run ``command``, print its error if there is one, and return the exit status."""
     try:
@@ -155,6 +166,7 @@ def run(name: str, module: str, patience: float = math.inf) -> int:
     except FileNotFoundError:
         return ended(name, 'the current folder was deleted: change to one that exists', 1)
     stop = StopRequest(patience)
+    log_to_stderr(name)
     main = import_module(f'impulse_control_ros.{module}').main
     status = exit_status(name, partial(main, stop))
     stop.ignore()

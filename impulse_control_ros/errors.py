@@ -34,7 +34,11 @@ class MissingPackageError(ImpulseControlError, ImportError):
 
 
 class UnreadableError(ImpulseControlError):
-    """A JointState lacks the requested values; the message gives the reason."""
+    """A JointState lacks the requested values, which ``is_normal`` where others publish too."""
+
+    def __init__(self, reason: str, is_normal: bool = False) -> None:
+        super().__init__(reason)
+        self.is_normal = is_normal
 
 
 class MiddlewareError(ImpulseControlError):

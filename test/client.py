@@ -65,12 +65,6 @@ class Client:
 
         return self.spin_until(answered, f'response of {service}')[0].result()
 
-    def tell(self, service: str, kind: type, **request: object) -> None:
-        """Call a service that may end its node before the response is here."""
-        client = self.node.create_client(kind, service)
-        self.spin_until(client.service_is_ready, f'service {service}')
-        client.call_async(kind.Request(**request))
-
     def set(self, target: str, **values: object) -> SetParametersResult:
         """Set parameters of a node, all or none."""
         parameters = [

@@ -27,7 +27,6 @@ import math
 from typing import Any
 
 import numba
-from numba.np.unsafe.ndarray import to_fixed_tuple
 import numpy as np
 
 from impulse_control_ros.core.closed_loop import close_loop, empty_trace
@@ -47,7 +46,7 @@ from impulse_control_ros.core.damping import (
     SINUSOIDAL,
     within_bounds,
 )
-from impulse_control_ros.core.jit import compiled, sign
+from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
 from impulse_control_ros.core.metrics import (
     added,
     conclude,
@@ -75,8 +74,8 @@ NOW = (
     'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
     'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',
 )  # fmt: skip
-# a block of runs is one record, so the compiler knows that these arrays do not overlap
-BLOCK = np.dtype(
+# a block of runs is one record, so that the compiler sees that these arrays do not overlap
+BLOCK = record(
     [
         *((name, 'f8', (LANES,)) for name in NOW),
         ('guard', 'i8', (LANES,)),

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impulse_control_ros.core.jit import record
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
 
@@ -58,8 +59,8 @@ class LawOptions(NamedTuple):
     estimates: float
 
 
-LAW = np.dtype([(name, 'f8') for name in (*Gains._fields, *LawOptions._fields)])
-# parameter values that switch all options off
+LAW = record([(name, 'f8') for name in (*Gains._fields, *LawOptions._fields)])
+# the values of the parameters with which all options are off
 OFF: Mapping[str, Any] = {
     'guard_lookahead': 0.0,
     'position_hysteresis': 0.0,

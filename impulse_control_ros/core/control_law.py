@@ -56,11 +56,10 @@ Options for encoder steps, noise and unmeasured velocity (`LawOptions`):
 
 from typing import NamedTuple
 
-from numba.np.unsafe.ndarray import to_fixed_tuple
 import numpy as np
 
 from impulse_control_ros.core.control_gains import Gains, LawOptions
-from impulse_control_ros.core.jit import compiled, sign
+from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
@@ -104,7 +103,7 @@ class Command(NamedTuple):
 
 
 FRESH = LawState(*[0.0] * len(LawState._fields))
-COMMAND = np.dtype([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity', 'f8')])
+COMMAND = record([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity', 'f8')])
 STATES, GAINS, OPTIONS = len(LawState._fields), len(Gains._fields), len(LawOptions._fields)
 
 

@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.jit import compiled, record
 from impulse_control_ros.core.parameter import parameter, Parameters, Rule
 
 KINDS = ('constant', 'noise', 'sinusoidal')
 CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_SEED = 2**63 - 1  # an integer parameter of ROS
-DAMPING = np.dtype(
+DAMPING = record(
     [
         ('kind', 'i8'),
         ('value', 'f8'),

@@ -10,15 +10,15 @@ The map needs no sin, cos or exp. The flow itself is evaluated at the start of e
 ANCHOR samples, so rounding errors do not accumulate.
 """
 
-import numba
 import numpy as np
 
 from impulse_control_ros.core.flow import flow, response
+from impulse_control_ros.core.jit import kernel
 
 ANCHOR = 16
 
 
-@numba.njit(cache=True)
+@kernel()
 def evaluate(arcs, axis, gains, times, errors, velocities):
     """Fill ``errors`` and ``velocities`` at ``times``, all (n,); at a jump, after the jump."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m
@@ -43,7 +43,7 @@ def evaluate(arcs, axis, gains, times, errors, velocities):
             )
 
 
-@numba.njit(cache=True)
+@kernel()
 def sample(arcs, axis, gains, time_step, times, errors, velocities):
     """Fill ``times`` (k ``time_step``), ``errors`` and ``velocities``, all (n,), after jumps."""
     stiffness, friction = gains.K / axis.m, axis.F_c / axis.m

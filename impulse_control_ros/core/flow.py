@@ -25,10 +25,10 @@ form; so has the position zero without friction, which starts Newton's method wi
 
 import math
 
-import numba
+from impulse_control_ros.core.jit import kernel
 
 
-@numba.njit(cache=True)
+@kernel()
 def series(rate, stiffness, t):
     """Return E C, h and H for a short time, where their closed forms cancel."""
     turn, pull = -2.0 * rate * t, -stiffness * t * t
@@ -45,7 +45,7 @@ def series(rate, stiffness, t):
     return slope + rate * t * first, t * first, t * t * second
 
 
-@numba.njit(cache=True)
+@kernel()
 def response(rate, stiffness, t):
     """Return E C, h and H of (12) at ``t`` [s], accurate on both sides of critical damping."""
     if max(rate * rate, stiffness) * t * t < 1e-2:
@@ -64,7 +64,7 @@ def response(rate, stiffness, t):
     return decay - root * h, h, -math.expm1(-slow * t) / stiffness - h / fast
 
 
-@numba.njit(cache=True)
+@kernel()
 def flow(error, velocity, direction, rate, stiffness, friction, t):
     """Return error [m] and velocity [m/s] after ``t`` [s] of motion in one direction (9)(12)."""
     cosine, h, integral = response(rate, stiffness, t)
@@ -75,7 +75,7 @@ def flow(error, velocity, direction, rate, stiffness, friction, t):
     )
 
 
-@numba.njit(cache=True)
+@kernel()
 def first_zero(value, slope, rate, stiffness):
     """
     Return the first t > 0 with ``value`` C + ``slope`` sin(r t) / r = 0, or inf.
@@ -100,7 +100,7 @@ def first_zero(value, slope, rate, stiffness):
     return math.log1p(2.0 * root * value / margin) / (2.0 * root) if root > 0.0 else value / margin
 
 
-@numba.njit(cache=True)
+@kernel()
 def crossing(error, velocity, direction, rate, stiffness, friction, upper):
     """Return the time [s] of e = 0, which the motion must cross within (0, ``upper``]."""
     lower = 0.0

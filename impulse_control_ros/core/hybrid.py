@@ -26,7 +26,6 @@ from enum import Enum
 from functools import cached_property
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -39,7 +38,7 @@ from impulse_control_ros.core.control_law import (
 )
 from impulse_control_ros.core.dense_output import evaluate, sample
 from impulse_control_ros.core.flow import crossing, first_zero, flow
-from impulse_control_ros.core.jit import sign
+from impulse_control_ros.core.jit import kernel, record, sign
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.plant_step import Axis
@@ -48,7 +47,7 @@ from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import ParameterError
 
 # An arc starts after the jump of its guard; ``before`` is the velocity before that jump.
-ARC = np.dtype(
+ARC = record(
     [
         ('time', 'f8'),
         ('error', 'f8'),
@@ -59,7 +58,7 @@ ARC = np.dtype(
         ('guard', 'i8'),
     ]
 )
-EVENT = np.dtype(
+EVENT = record(
     [
         ('time', 'f8'),
         ('guard', 'i8'),
@@ -94,7 +93,7 @@ ROUNDED = 1.0 + 1e-12  # tolerated ratio of samples times time step to the durat
 BEYOND = 1e100  # far above any motion, far below overflow
 
 
-@numba.njit(cache=True)
+@kernel()
 def next_guard(error, velocity, direction, rate, stiffness, friction, span):
     """
     Flow to the first guard, for at most ``span`` seconds.
@@ -115,7 +114,7 @@ def next_guard(error, velocity, direction, rate, stiffness, friction, span):
     return NO_IMPULSE, elapsed, e, v
 
 
-@numba.njit(cache=True)
+@kernel()
 def jump(guard, gains, m, error, velocity):
     """Return the velocity [m/s] after one jump (17), unchanged without a guard."""
     if guard == NO_IMPULSE:
@@ -123,7 +122,7 @@ def jump(guard, gains, m, error, velocity):
     return velocity + impulse_area(guard, gains, error, velocity) / m
 
 
-@numba.njit(cache=True)
+@kernel()
 def depart(axis, gains, strict, guard, error, velocity, left):
     """
     Apply the jumps of one instant, ``left`` [s] before the end of the duration.
@@ -144,7 +143,7 @@ def depart(axis, gains, strict, guard, error, velocity, left):
     return after, sign(after if after != 0.0 else -error), FLOWS
 
 
-@numba.njit(cache=True)
+@kernel()
 def longer(arcs):
     """Return ``arcs`` with room for four times as many."""
     grown = np.empty(4 * len(arcs), ARC)
@@ -152,7 +151,7 @@ def longer(arcs):
     return grown
 
 
-@numba.njit(cache=True)
+@kernel()
 def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limit):
     """
     Chain jumps and arcs from (error, velocity) at t = 0.
@@ -189,7 +188,7 @@ def trace(axis, gains, strict, error, velocity, breaks, dampings, duration, limi
         t = t + elapsed if elapsed < until - t else until
 
 
-@numba.njit(cache=True)
+@kernel()
 def events_of(arcs, x_r):
     """Return the jumps that start ``arcs``: dtype EVENT."""
     events, count = np.empty(len(arcs), EVENT), 0

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
-from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.jit import compiled, record
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 
 VELOCITIES = ('ideal', 'difference', 'none')
@@ -44,7 +44,7 @@ MOST_DELAY = 1000
 LEAST_STEP = 1e-12  # m
 # Each noise has its own offset in the stream of a seed; the damping noise starts at 0.
 POSITION_NOISE, VELOCITY_NOISE, FORCE_NOISE = (np.uint64(part << 61) for part in (1, 2, 3))
-HARDWARE = np.dtype(
+HARDWARE = record(
     [
         ('resolution', 'f8'),
         ('position_noise', 'f8'),
@@ -69,8 +69,8 @@ HARDWARE = np.dtype(
         ('v_s', 'f8'),
     ]
 )
-# Memory of the hardware: the measured state, the actuator's output, commands in transit.
-HARDWARE_STATE = np.dtype(
+# What the hardware remembers: the measured state, the actuator's output, commands on their way.
+HARDWARE_STATE = record(
     [
         ('position', 'f8'),
         ('velocity', 'f8'),

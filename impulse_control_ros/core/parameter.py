@@ -10,6 +10,7 @@ from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 from functools import cache
 from operator import attrgetter
+import re
 from typing import Any, cast, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -24,7 +25,9 @@ TYPES = {
     str: 'a string',
     tuple: 'a list of strings',
 }
-# former names that old files and command lines may use
+# a number that YAML 1.1, and so the command line of ros2, takes for a string: 1e-6
+EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
+# former names, which old files and command lines may have
 RENAMED = {
     'lead': 'guard_lookahead',
     'managed': 'lifecycle',
@@ -105,7 +108,8 @@ class Parameters:
 
     Subclasses declare their fields with `parameter`, declare the rules between them as `RULES`,
     and override `check` for other conditions. The full name of a parameter of a nested set starts
-    with the ``prefix`` of its class. An integer given for a float becomes a float.
+    with the ``prefix`` of its class. An integer, or a string such as '1e-6', given for a float
+    becomes a float.
     """
 
     prefix: ClassVar[str] = ''
@@ -267,7 +271,9 @@ def converted(name: str, value: Any, default: Any, spec: Spec) -> Any:
     kind = type(default)
     value = value.item() if isinstance(value, np.generic) else value
     unit = f' [{spec.unit}]' if spec.unit else ''
-    if kind is float and type(value) is int:
+    if kind is float and (
+        type(value) is int or (type(value) is str and EXPONENTIAL.fullmatch(value))
+    ):
         value = float(value)
     if (
         kind is tuple

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.damping import DAMPING, Damping, packed_damping
-from impulse_control_ros.core.jit import compiled, sign
+from impulse_control_ros.core.jit import compiled, record, sign
 from impulse_control_ros.core.nonidealities import (
     Actuator,
     Disturbance,
@@ -50,8 +50,8 @@ from impulse_control_ros.core.tick import nanoseconds
 from impulse_control_ros.errors import DivergedError
 
 DIVERGED = DivergedError.bound
-PLANT = np.dtype([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8'), ('damping', DAMPING)])
-SHORT = 1e-2  # value of d dt / m below which the series are accurate to the last bits
+PLANT = record([('m', 'f8'), ('F_c', 'f8'), ('time_step', 'f8'), ('damping', DAMPING)])
+SHORT = 1e-2  # bound of d dt / m, below which the series are exact to the last bits
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.damping import damping_at
-from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.jit import compiled, record
 from impulse_control_ros.core.nonidealities import (
     actuate,
     begin,
@@ -37,7 +37,7 @@ class PlantState(NamedTuple):
 
 
 FIRST = PlantState(0, 0.0, 0.0, 0.0, 0.0, 0.0)
-STATE = np.dtype([('tick', 'i8'), *((name, 'f8') for name in PlantState._fields[1:])])
+STATE = record([('tick', 'i8'), *((name, 'f8') for name in PlantState._fields[1:])])
 
 
 class Axis(NamedTuple):

@@ -84,6 +84,12 @@ class PlantParameters(Plant):
     wait_for_recorder: bool = parameter(
         False, '', 'whether the first state waits for a recorder', read_only=True
     )
+    start_paused: bool = parameter(
+        False,
+        '',
+        'whether the run starts paused, before its first state, until ~/pause or ~/step',
+        read_only=True,
+    )
     cpu_core: int = cpu_core_parameter()
 
     def check(self) -> None:

@@ -19,10 +19,10 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
-import numba
 import numpy as np
 from zstandard import ZstdDecompressor, ZstdError
 
+from impulse_control_ros.core.jit import kernel
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.mcap_chunk import AHEAD, MESSAGE as HEADER, ROOM
 from impulse_control_ros.files.mcap_writer import MAGIC
@@ -239,7 +239,7 @@ def rows_at(content: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(content, size)[start]
 
 
-@numba.njit(cache=True)
+@kernel()
 def walk(content: Any) -> Any:
     """Return the starts of schemas and channels, the starts of messages, and the last end."""
     most = len(content) // AHEAD

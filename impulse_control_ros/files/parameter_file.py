@@ -176,6 +176,7 @@ def _kept(before: Any, value: Any) -> Any:
 def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -> Iterator[str]:
     """Yield a message for each source that sets no parameter of some ``nodes``, by full name."""
     known = names_of(*nodes.values())
+    kinds = {kind: node for node, kind in NODES.items()}
     for source, group in groupby(sections, attrgetter('source')):
         some = list(group)
         matched = {name for name in nodes if any(one.matches(name) for one in some)}
@@ -185,7 +186,7 @@ def unused(sections: Iterable[Section], nodes: Mapping[str, type[Parameters]]) -
         missed = [
             name
             for name in nodes
-            if name not in matched and (base(name) in named or not for_others)
+            if name not in matched and ({base(name), kinds[nodes[name]]} & named or not for_others)
         ]
         if missed:
             yield (

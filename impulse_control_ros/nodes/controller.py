@@ -145,8 +145,7 @@ class Controller(ManagedNode):
         return not self.finished
 
     def _reject(self, raw: bytes, error: UnreadableError) -> None:
-        """Count a state that cannot be read, perhaps because its plant has another joint."""
-        self._report.counts['rejected'] += 1
+        """Report a state that cannot be read, perhaps because its plant has another joint."""
         run = parse_state(read_header(raw)[1].decode(errors='replace')).run
         if run in self.plants and self.states.run is None and not self._adopt(run):
             return

@@ -5,6 +5,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from impulse_control_ros.core.protocol import name_of, StateHeader
+from impulse_control_ros.errors import UnreadableError
 from impulse_control_ros.files.topics import JOINT_COMMANDS
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
@@ -18,15 +19,20 @@ class ControllerReport:
 
     def __init__(self, controller: Any) -> None:
         self.counts = dict.fromkeys(
-            ('repeated', 'standby', 'other_run', 'rejected', 'withheld'), 0
+            ('repeated', 'standby', 'other_run', 'ignored', 'rejected', 'withheld'), 0
         )
         self._ignored: set[str] = set()  # the runs of other plants
         self._controller, self._logger = controller, controller.get_logger()
         Diagnostics(controller, self._progress, self._report)
 
-    def reject(self, error: Exception) -> None:
-        """Log why a state is rejected."""
-        self._logger.error(f'state rejected: {error}', throttle_duration_sec=5.0)
+    def reject(self, error: UnreadableError) -> None:
+        """Count and log a state that cannot be read."""
+        if error.is_normal:
+            self.counts['ignored'] += 1
+            self._logger.info(f'ignoring states: {error}', once=True)
+        else:
+            self.counts['rejected'] += 1
+            self._logger.error(f'state rejected: {error}', throttle_duration_sec=5.0)
 
     def ignore(self, header: StateHeader) -> None:
         """Log that another plant is ignored."""

@@ -14,6 +14,7 @@ from impulse_control_ros.files.cdr import FIELDS, JointStateLayout, layout_in
 PROBE = (1.5, -2.25, 3.0e-300)
 FRAME_ID_AT = 12  # offset of its length, after encapsulation and stamp
 MOST_KNOWN = 64
+MOST_NAMED = 8
 # a parsed frame_id, the decoder of such a message, and the selector of the values read
 Known = tuple[Any, Callable[[bytes], Any], Callable[[Any], Any]]
 
@@ -32,7 +33,8 @@ def decode_any(
     except Exception as error:  # rclpy raises its own type for invalid bytes
         raise UnreadableError(f'cannot be decoded ({error})') from None
     if joint not in message.name:
-        raise UnreadableError(f'no joint {joint!r}')
+        others = ', '.join(message.name[:MOST_NAMED])
+        raise UnreadableError(f'no joint {joint!r}, but {others or "none"}', is_normal=True)
     at, stamp = list(message.name).index(joint), message.header.stamp
     wanted = [*fields, *optional]
     empty = [field for field in optional if not len(getattr(message, field))]
@@ -86,8 +88,8 @@ class JointStateReader:
         frame_id, *found = decode_any(raw, self._joint, self._fields, self._optional)
         known = self._parse(frame_id), *self._layout(raw)
         values = known[1](raw)
-        # nan never equals itself, so such a layout is not kept
-        if values is not None and list(known[2](values)) == found:
+        # compared as text, since nan does not equal itself
+        if values is not None and repr(list(known[2](values))) == repr(found):
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
             self._recent = self._known[key] = known

@@ -27,13 +27,19 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
         change.callback = partial(self._change_or_refuse, change.callback)
+        self._tell_state()
+
+    def _tell_state(self) -> None:
+        self.get_logger().info(f'lifecycle state: {self._state_machine.current_state[1]}')
 
     def _change_or_refuse(
         self, change: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
         """Change the state; refuse invalid transitions, which would end the node in rclpy 7."""
         try:
-            return change(request, response)
+            changed = change(request, response)
+            self._tell_state()
+            return changed
         except _rclpy.RCLError as error:
             self.get_logger().error(f'invalid lifecycle transition: {first_line(error)}')
             response.success = False

@@ -53,6 +53,11 @@ def descriptor(default: Any, spec: Spec) -> ParameterDescriptor:
     return made
 
 
+def ros_value(value: Any) -> Any:
+    """Return what rclpy takes for a value of `Parameters`."""
+    return list(value) if isinstance(value, tuple) else value
+
+
 class ParameterNode(Node):
     """
     A node with the parameters of one class; ``self.parameters`` has their current values.
@@ -92,10 +97,9 @@ class ParameterNode(Node):
         }
         values = build(self._kind, given)
         for name, default, spec in declared(self._kind):
-            value = values.flat()[name]
             self.declare_parameter(
                 name,
-                list(value) if isinstance(value, tuple) else value,
+                ros_value(values.flat()[name]),
                 descriptor(default, spec),
                 ignore_override=True,
             )
@@ -103,15 +107,17 @@ class ParameterNode(Node):
 
     def _merged(self, parameters: Iterable[Parameter]) -> Any:
         ours = {item.name: item.value for item in parameters if not is_foreign(item.name)}
+        before = self.parameters.flat()
+        merged = build(self._kind, before | ours)
+        after = merged.flat()
         for name, _, spec in declared(self._kind):
-            if spec.read_only and name in ours:
+            if spec.read_only and after[name] != before[name]:
                 raise refusal(
                     name,
-                    ours[name],
-                    f'{self.parameters.flat()[name]!r}: read-only, '
-                    'it is set where the node is started',
+                    after[name],
+                    f'{before[name]!r}: read-only, it is set where the node is started',
                 )
-        return build(self._kind, self.parameters.flat() | ours)
+        return merged
 
     def _refuse(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -132,16 +138,25 @@ class ParameterNode(Node):
         """React to the new ``self.parameters``; ``changed`` has the values that differ."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters or none; an integer given for a float becomes a float."""
+        """Set all or none, converted as `build` does; read-only ones may be set as they are."""
         try:
             merged = self._merged(parameter_list).flat()
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return super().set_parameters_atomically(
-            [
-                item
-                if is_foreign(item.name)
-                else Parameter(item.name, TYPES[type(merged[item.name])], merged[item.name])
-                for item in parameter_list
-            ]
-        )
+        right = [
+            item
+            if is_foreign(item.name)
+            else Parameter(item.name, TYPES[type(merged[item.name])], ros_value(merged[item.name]))
+            for item in parameter_list
+        ]
+        settable = [item for item in right if not self._is_fixed(item)]
+        if not settable:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(settable)
+
+    def _is_fixed(self, item: Parameter) -> bool:
+        """Tell whether a parameter is read-only and has this value."""
+        if not (self.has_parameter(item.name) and self.describe_parameter(item.name).read_only):
+            return False
+        known = self.get_parameter(item.name)
+        return bool(known.get_parameter_value() == item.get_parameter_value())

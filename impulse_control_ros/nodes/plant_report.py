@@ -6,6 +6,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from impulse_control_ros.core.protocol import FOREIGN
+from impulse_control_ros.errors import UnreadableError
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 FIRST_REPORT, REPORT = 2.0, 20.0  # s
@@ -38,18 +39,14 @@ class PlantReport:
             self._said_at = now
             self._plant.get_logger().info(f'waiting for {what}')
 
-    def reject(self, what: str, is_normal: bool = False) -> None:
-        """
-        Count and log an invalid command.
-
-        It ``is_normal`` from foreign hardware, which sends nan while no controller is active.
-        """
+    def reject(self, error: UnreadableError) -> None:
+        """Count and log an invalid command."""
         self._rejected += 1
         logger = self._plant.get_logger()
-        if is_normal:
-            logger.info(f'ignoring commands: {what}', once=True)
+        if error.is_normal:
+            logger.info(f'ignoring commands: {error}', once=True)
         else:
-            logger.error(f'command rejected: {what}', throttle_duration_sec=5.0)
+            logger.error(f'command rejected: {error}', throttle_duration_sec=5.0)
 
     def summarize(self, what: str) -> None:
         """Log a summary of the run."""

@@ -95,13 +95,14 @@ class PlantSimulator(ParameterNode):
     # -- the sample -------------------------------------------------------------------------
 
     def _start(self, now: float) -> float:
-        """Publish the first state, after a recorder has joined if one is required."""
+        """Publish the first state, unless a recorder is waited for or a pause holds it."""
         waits = self.parameters.wait_for_recorder and not self.recorders
         if not self._announced or (waits and now >= self._published_at + ANNOUNCE):
             self._published_at = now
             self._tell_parameters({})
-        if waits:
-            self._report.waiting_for('a recorder', now)
+        if waits or self.control.holds:
+            missing = 'a recorder' if waits else 'the call of ~/pause that resumes, or of ~/step'
+            self._report.waiting_for(missing, now)
             return 0.02
         start_ns = self.parameters.start_ns(time_ns())
         if start_ns != self.clock.start_ns:
@@ -138,9 +139,10 @@ class PlantSimulator(ParameterNode):
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
-                raise UnreadableError(f'effort {effort}', sender.author == FOREIGN)
+                # foreign hardware sends nan while no controller is active
+                raise UnreadableError(f'effort {effort}', is_normal=sender.author == FOREIGN)
         except UnreadableError as error:
-            self._report.reject(*error.args)
+            self._report.reject(error)
             return
         before = self.arbiter.header.controller
         verdict = self.arbiter.take(sender, (sec, nanosec), effort, monotonic())

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import chain, count
+import os
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -51,12 +52,13 @@ class Recorder(ParameterNode):
         self, outputs: Mapping[str, Sequence[Output]] | None = None, **options: Any
     ) -> None:
         super().__init__('recorder', RecorderParameters, **options)
-        self._name = self.parameters.bag or f'impulse_{datetime.now():%Y_%m_%d-%H_%M_%S}'
+        bag = os.path.expanduser(self.parameters.bag)
+        self._name = bag or f'impulse_{datetime.now():%Y_%m_%d-%H_%M_%S}'
         require_writable(Path(self._name))
         self._id = new_id(self.get_fully_qualified_name())
         self._topics = RecordedTopics(self, self.parameters.topics, outputs or {})
         self.progress = Output(self, Header, RECORDER_PROGRESS, SLOW_QOS)
-        self._parameters: dict[str, dict[str, list[Taken]]] = {}  # the events by run and node
+        self._events: dict[str, dict[str, list[Taken]]] = {}  # the events by run and node
         self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
         self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before a run is known
@@ -81,7 +83,7 @@ class Recorder(ParameterNode):
         """Keep the parameters of a run, and record it if no other run is recorded."""
         *_, node, values, _ = decoded(taken[1])
         run, name = parse_node(node)
-        events = self._parameters.setdefault(run, {}).setdefault(node, [])
+        events = self._events.setdefault(run, {}).setdefault(node, [])
         recording = self._recording if self._recording and run == self._recording.run else None
         if taken[1] not in [known[1] for known in events]:  # a waiting plant repeats them
             if recording:
@@ -96,7 +98,7 @@ class Recorder(ParameterNode):
             self._plants[run] = values
             if len(self._plants) > MOST_RUNS:
                 oldest = next(iter(self._plants))
-                del self._plants[oldest], self._parameters[oldest]
+                del self._plants[oldest], self._events[oldest]
             if self._recording is None:
                 self._record(run)
             else:
@@ -112,7 +114,7 @@ class Recorder(ParameterNode):
             values.get('lockstep', False),
         )
         self._recording = RunRecording(plant, self._make_bag, self._topics.described)
-        for taken in (*self._early, *chain(*self._parameters[run].values())):
+        for taken in (*self._early, *chain(*self._events[run].values())):
             self._recording.joiner.add(*taken)
         self._early.clear()
 

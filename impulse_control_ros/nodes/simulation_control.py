@@ -14,8 +14,9 @@ class SimulationControl:
     """
 
     def __init__(self, plant: Any) -> None:
-        self.paused = self.quitting = self.reset_wanted = False
-        self._plant = plant
+        self.paused = plant.parameters.start_paused
+        self.quitting = self.reset_wanted = False
+        self._plant, self._logger = plant, plant.get_logger()
         self._steps_left = 0
         plant.create_service(Trigger, '~/reset', self._on_reset)
         plant.create_service(SetBool, '~/pause', self._on_pause)
@@ -24,10 +25,14 @@ class SimulationControl:
     def reset(self) -> bool:
         """Request a reset at the next state; returns False if there is no next state."""
         self.reset_wanted = self._plant.has_next
+        if self.reset_wanted:
+            self._logger.info(f'reset: {self.start}')
         return self.reset_wanted
 
     def pause(self, paused: bool) -> None:
         """Pause or resume."""
+        if paused != self.paused:
+            self._logger.info(f'{"paused" if paused else "resumed"} {self.when}')
         self.paused, self._steps_left = paused, 0
         self._plant.pacer.restart(self._plant.clock.tick, monotonic())
 
@@ -35,11 +40,28 @@ class SimulationControl:
         """Request more ``samples`` while paused; returns False if not paused."""
         if self.paused:
             self._steps_left += samples
+            self._logger.info(f'steps requested {self.when}: {samples}')
         return self.paused
 
     def quit(self) -> None:
         """End the run at the present state."""
+        self._logger.info(f'quitting {self.when}')
         self.quitting = True
+
+    @property
+    def when(self) -> str:
+        """The simulated time."""
+        clock = self._plant.clock
+        return f'at {clock.seconds()} s' if clock.tick >= 0 else 'before the first state'
+
+    @property
+    def start(self) -> str:
+        """The state after a reset."""
+        start = self._plant.parameters
+        return (
+            f'the state at {self._plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '
+            f'v_0 = {start.v_0:g} m/s'
+        )
 
     @property
     def holds(self) -> bool:
@@ -61,30 +83,19 @@ class SimulationControl:
         return True
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        clock, start = self._plant.clock, self._plant.parameters
         response.success = self.reset()
-        response.message = (
-            f'the state at {clock.seconds(1)} s is x_0 = {start.x_0:g} m, v_0 = {start.v_0:g} m/s'
-            if response.success
-            else 'refused: there is no run'
-        )
+        response.message = self.start if response.success else 'refused: there is no run'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         response.success = True
         self.pause(request.data)
-        response.message = (
-            f'{"paused" if request.data else "running"} at {self._plant.clock.seconds()} s'
-        )
+        response.message = f'{"paused" if request.data else "running"} {self.when}'
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         samples = self._plant.parameters.step_ticks
         response.success = self.step(samples)
         count = f'{samples} sample{"s" if samples > 1 else ""}'
-        response.message = (
-            f'{count} from {self._plant.clock.seconds()} s'
-            if response.success
-            else 'refused: pause first'
-        )
+        response.message = f'{count} {self.when}' if response.success else 'refused: pause first'
         return response

@@ -109,7 +109,7 @@ class SimulationInterfaces:
 
     def _get_state(self, _: Any, response: Any) -> Outcome:
         response.state.state = self._state()
-        return self._results.RESULT_OK, self._when()
+        return self._results.RESULT_OK, self._plant.control.when
 
     def _set_state(self, request: Any, response: Any) -> Outcome:
         control, states, wanted = self._plant.control, self._states, request.state.state
@@ -125,14 +125,14 @@ class SimulationInterfaces:
                 f'state = {wanted}: must be {allowed}',
             )
         if wanted == self._state():
-            return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {self._when()}'
+            return response.ALREADY_IN_TARGET_STATE, f'already {names[wanted]} {control.when}'
         if control.quitting:
             return response.INCORRECT_TRANSITION, f'state = {wanted}: {ENDING}'
         if wanted == states.STATE_QUITTING:
             control.quit()
         else:
             control.pause(wanted == states.STATE_PAUSED)
-        return self._results.RESULT_OK, f'{names[wanted]} {self._when()}'
+        return self._results.RESULT_OK, f'{names[wanted]} {control.when}'
 
     def _step(self, request: Any, _: Any) -> Outcome:
         steps, failed = request.steps, self._results.RESULT_OPERATION_FAILED
@@ -142,7 +142,7 @@ class SimulationInterfaces:
             return failed, f'steps = {steps} is refused while playing: pause first'
         return (
             self._results.RESULT_OK,
-            f'{steps} steps requested {self._when()}; {STEPS_ASKED_FOR}',
+            f'{steps} steps requested {self._plant.control.when}; {STEPS_ASKED_FOR}',
         )
 
     def _reset(self, request: Any, _: Any) -> Outcome:
@@ -156,19 +156,10 @@ class SimulationInterfaces:
         if plant.control.quitting or not plant.control.reset():
             why = ENDING if plant.clock.tick >= 0 else 'there is no run yet'
             return self._results.RESULT_INCORRECT_STATE, f'scope = {scope}: {why}'
-        start = plant.parameters
-        return (
-            self._results.RESULT_OK,
-            f'the state at {plant.clock.seconds(1)} s is x_0 = {start.x_0:g} m, '
-            f'v_0 = {start.v_0:g} m/s; {STATE_ALONE}',
-        )
+        return self._results.RESULT_OK, f'{plant.control.start}; {STATE_ALONE}'
 
     def _state(self) -> int:
         control = self._plant.control
         if control.quitting:
             return self._states.STATE_QUITTING
         return self._states.STATE_PAUSED if control.paused else self._states.STATE_PLAYING
-
-    def _when(self) -> str:
-        clock = self._plant.clock
-        return f'at {clock.seconds()} s' if clock.tick >= 0 else 'before the first state'

@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 import sys
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import Any
 
 import rclpy
@@ -31,6 +31,7 @@ from impulse_control_ros.nodes.transport import place_on_core, prefer_udp
 IDLE = 0.1
 MOST_EVENTS = 50
 EMPTY_TURN = 40e-6
+ANSWER = 0.2  # s for the answer of a service that ended the nodes: DDS sends it again if lost
 Maker = Callable[[], Any]
 
 
@@ -81,6 +82,8 @@ def spin(
     else:
         for node in nodes:
             node.close()
+        if not stop.requested:
+            sleep(ANSWER)
     finally:
         executor.shutdown()
 

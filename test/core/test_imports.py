@@ -79,7 +79,7 @@ def test_every_function_of_core_that_is_no_kernel_has_types():
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.FunctionDef)
         and node.returns is None
-        and not {'compiled', 'numba'} & names_in(node.decorator_list)
+        and not {'compiled', 'kernel'} & names_in(node.decorator_list)
     ]
     assert untyped == []
 

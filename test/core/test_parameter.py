@@ -59,6 +59,17 @@ def test_an_integer_given_for_a_float_is_taken_as_a_float():
     assert (gains.K, type(gains.K), gains.c, type(gains.c)) == (12.0, float, 1.0, float)
 
 
+@pytest.mark.parametrize('text', ['1e-6', '1e-06', '1e3', '-2.5E1', '.5e0', '+1.e+2'])
+def test_a_number_that_yaml_1_1_takes_for_a_string_is_a_number(text):
+    assert build(ControlGains, {'x_r': text}).x_r == float(text)
+
+
+@pytest.mark.parametrize('text', ['1', '0.5', 'e3', '1e', '1e3 ', '0x1', 'nan', 'inf', '1e400'])
+def test_any_other_string_is_no_number(text):
+    with pytest.raises(ParameterError, match='x_r = '):
+        build(ControlGains, {'x_r': text})
+
+
 @pytest.mark.parametrize('ratio', [0.5, 0.75, 0.9999999999999999])
 def test_the_bounds_of_alpha_are_half_open(ratio):
     assert ControlGains(alpha_ratio=ratio).alpha_ratio == ratio

@@ -7,7 +7,7 @@ from rclpy.node import Node
 
 from impulse_control_ros.core.parameter import RENAMED
 from impulse_control_ros.errors import ParameterError
-from impulse_control_ros.files.experiment import ControllerParameters, NODES
+from impulse_control_ros.files.experiment import ControllerParameters, NODES, PlantParameters
 from impulse_control_ros.files.parameter_file import (
     command_line_sections,
     load_experiment,
@@ -182,6 +182,8 @@ def test_a_wrong_rule_is_refused_by_its_text(rule):
 
 ALONE = {'/arm/controller': ControllerParameters}
 ALL = {f'/arm/{name}': kind for name, kind in NODES.items()}
+RENAMED_ONE = {'/other': ControllerParameters}
+RENAMED_ALL = {'/plant_simulator': PlantParameters, **RENAMED_ONE}
 MISSED = '/**/NAME is a node in any namespace'
 
 
@@ -190,6 +192,8 @@ MISSED = '/**/NAME is a node in any namespace'
     [
         ('named', ALONE, f'/controller matches none of /arm/controller; in a file, {MISSED}'),
         ('named', ALL, f'/controller matches none of /arm/controller; in a file, {MISSED}'),
+        ('anywhere', RENAMED_ONE, f'/**/controller matches none of /other; in a file, {MISSED}'),
+        ('anywhere', RENAMED_ALL, f'/**/controller matches none of /other; in a file, {MISSED}'),
         ('nested', ALL, ''),
         ('plant', ALONE, ''),
         ('typo', ALONE, f'/**/contoller matches none of /arm/controller; in a file, {MISSED}'),
@@ -198,6 +202,7 @@ MISSED = '/**/NAME is a node in any namespace'
 def test_a_file_that_misses_the_nodes_is_named(files, name, nodes, said):
     written = files(
         'named',
+        'anywhere',
         'nested',
         **{
             'plant': '/**/plant_simulator:\n  ros__parameters: {F_c: 0.0}\n',

@@ -3,6 +3,7 @@
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+import yaml
 
 from impulse_control_ros.core.protocol import parse_node, parse_state
 from impulse_control_ros.files.recording import read_bag
@@ -111,10 +112,24 @@ def test_parameters_that_miss_the_nodes_are_named(graph):
     plain.write_text(UNDERDAMPED.read_text().replace('/**/', ''))
     process = graph.start('closed_loop', '--ros-args', '-r', '__ns:=/left', config=plain)
     alone = graph.start('controller', '--ros-args', '-r', '__ns:=/left', config=plain)
-    assert process.wait() == 2
+    renamed = graph.start(
+        'closed_loop', '--ros-args', '-r', 'controller:__node:=other', config=UNDERDAMPED
+    )
+    assert process.wait() == renamed.wait() == 2
     assert '/left/plant_simulator' in process.output
+    assert 'matches none of /other' in renamed.output
     alone.says('/left/controller')
     assert alone.interrupt() == 0
+
+
+def test_a_section_for_all_nodes_and_the_home_folder_in_a_path_are_understood(graph):
+    shared = graph.folder / 'shared.yaml'
+    values = {'time_step': 0.001, 'joint_name': 'arm', 'use_sim_time': True, 'duration': 0.1}
+    shared.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+    graph.environment = {**graph.environment, 'HOME': str(graph.folder)}
+    process = graph.start('closed_loop', config=shared, **{'recorder:bag': '~/bag'})
+    assert process.wait() == 0, process.output
+    assert len(read_bag(graph.folder / 'bag').states) == 101
 
 
 def test_real_time_factor_holds_simulated_time_to_the_wall_clock(graph):

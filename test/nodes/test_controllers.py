@@ -167,13 +167,15 @@ def test_a_managed_controller_commands_only_while_it_is_active(graph, client):
     assert client.change_state(Transition.TRANSITION_ACTIVATE) == 'active'
     assert client.set('plant_simulator', real_time_factor=0.0).successful
     assert plant.wait() == 0, plant.output
-    client.tell(
+    assert client.call(
         '/controller/change_state',
         ChangeState,
+        once=True,
         transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN),
-    )
-    client.spin_until(lambda: not controller.running, 'the end of the controller')
+    ).success
     assert controller.wait() == 0, controller.output
+    for state in ('unconfigured', 'inactive', 'active', 'finalized'):
+        assert f'lifecycle state: {state}' in controller.output
     assert recorder.interrupt() == 0
     run = read_bag(bag)
     assert len(run.states) == len(run.commands) == 5001

@@ -60,6 +60,15 @@ def test_a_reader_reads_a_message_the_same_at_first_and_again(kind):
         assert np.array_equal(found[2:], values, equal_nan=True)
 
 
+@pytest.mark.parametrize('kind', ['usual', 'velocity nan', 'of two joints'])
+def test_a_message_like_the_last_one_is_read_by_its_layout(kind, monkeypatch):
+    raw, _ = ROWS[kind]
+    reader = JointStateReader('axis', parse_state, ('position',), ('velocity',))
+    before = reader.read(raw)
+    monkeypatch.setattr(joint_state_io, 'decode_any', None)
+    assert repr(reader.read(raw)) == repr(before)
+
+
 def test_a_reader_tells_messages_of_one_frame_id_apart_by_their_layout():
     reader = JointStateReader('axis', parse_state, ('position',), ('velocity',))
     for raw, values in [*ROWS.values(), *reversed(ROWS.values())]:

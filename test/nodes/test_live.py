@@ -4,12 +4,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.parameter import parameter_value_to_python
+from rcl_interfaces.srv import ListParameters, SetParameters
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
+import yaml
 
 from impulse_control_ros.core.parameter import declared
 from impulse_control_ros.core.tick import SECOND
@@ -181,13 +183,38 @@ def test_every_parameter_that_is_not_fixed_can_be_set_and_the_others_are_refused
             (now if spec.read_only else other)[name] for name, spec in specs.items()
         ]
     assert client.set('plant_simulator', real_time_factor=0.0).successful
-    client.tell('/plant_simulator/pause', SetBool, data=False)
-    client.spin_until(lambda: not process.running, 'the end of the run')
+    assert client.call('/plant_simulator/pause', SetBool, once=True, data=False).success
     assert process.wait() == 0, process.output
     run = read_bag(graph.folder / 'bag')
     assert_whole(run)
     assert len(run.states) == 5001
     assert_replays(graph.folder / 'bag')
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_what_ros2_param_dump_writes_is_loaded_again(graph, client, live, node):
+    names = client.call(f'/{node}/list_parameters', ListParameters).result.names
+    assert {'use_sim_time', 'start_type_description_service'} <= {*names}
+    values = dict(zip(names, client.get(node, *names), strict=True))
+    dumped = graph.folder / 'dumped.yaml'
+    dumped.write_text(yaml.safe_dump({f'/{node}': {'ros__parameters': values}}))
+    loaded = parameter_dict_from_yaml_file(str(dumped))
+    results = client.call(
+        f'/{node}/set_parameters', SetParameters, parameters=list(loaded.values())
+    ).results
+    assert [one.reason for one in results if not one.successful] == []
+    assert len(results) == len(names)
+    assert client.get(node, *names) == list(values.values())
+
+
+def test_numbers_that_ros2_param_gives_as_strings_are_set(client, live):
+    assert client.set('controller', position_deadband='1e-6', K='1e1', time_step='1e-4').successful
+    assert client.get('controller', 'position_deadband', 'K') == [1e-6, 10.0]
+    result = client.set('controller', K=12.0, time_step='1e-3')
+    assert result.reason == (
+        'invalid time_step = 0.001: must be 0.0001: read-only, it is set where the node is started'
+    )
+    assert client.get('controller', 'K') == [10.0]
 
 
 def test_steps_are_made_only_while_paused_and_as_many_as_asked(client, live):
@@ -202,6 +229,20 @@ def test_steps_are_made_only_while_paused_and_as_many_as_asked(client, live):
     assert not refused.success
     assert 'pause first' in refused.message
     finish(client, process, states)
+    for said in ('paused at ', 'steps requested at ', 'resumed at '):
+        assert process.output.count(said) == 1
+
+
+def test_a_run_that_starts_paused_begins_at_the_first_step(graph, client):
+    process = composed(graph, **{'plant_simulator:start_paused': True})
+    states = client.listen('/joint_states', JointState)
+    client.reported('plant_simulator', message='waiting for resume', recorders=1)
+    assert states == []
+    assert client.call('/plant_simulator/step', Trigger, once=True).success
+    client.spin_until(lambda: {stamp_of(one) for one in states} == {START, START + 100_000}, '2')
+    run = finish(client, process, states)
+    assert run.states['stamp'][0] == START
+    process.says('resumed at 1.000100000 s')
 
 
 def test_a_reset_restores_the_start_and_time_goes_on(graph, client, live):
@@ -215,6 +256,7 @@ def test_a_reset_restores_the_start_and_time_goes_on(graph, client, live):
         assert run.states[start]['position'] == 0.5
         assert run.states[start]['velocity'] == 0.0
     assert f'{run.states["stamp"][at] / SECOND:.9f}' in response.message
+    assert f'reset: {response.message}' in process.output
     assert list(run.impulses['guard'][run.impulses['stamp'] == run.states['stamp'][at]]) == [2]
     count = min(at, len(run.states) - at)
     assert run.states['position'][at : at + count].tobytes() == (

@@ -106,8 +106,6 @@ def broken():
     yield 'velocity inf', {'position': [0.0], 'velocity': [math.inf]}
     yield 'empty', {}
     yield 'short', {'name': ['elbow', 'axis'], 'position': [1.0], 'velocity': [1.0, 2.0]}
-    yield 'another joint', {'name': ['elbow'], 'position': [1.0], 'velocity': [0.0]}
-    yield 'no joint', {'name': [], 'position': [1.0], 'velocity': [0.0]}
 
 
 def test_a_state_that_says_nothing_is_rejected_and_the_next_one_is_answered(hand_fed, client):
@@ -133,6 +131,22 @@ def test_a_state_that_says_nothing_is_rejected_and_the_next_one_is_answered(hand
     assert process.interrupt() == 0
 
 
+def test_messages_of_other_joints_are_ignored_and_said_once_as_info(hand_fed, client):
+    process, feed, commands = hand_fed(state_timeout=0.0, impulses=False)
+    for names in (['elbow', 'knee'], [], ['wrist']):
+        message = state(0, 0.0)
+        message.name, message.position, message.velocity = names, [1.0] * len(names), []
+        feed.publisher.publish(message)
+    client.reported('controller', ignored=3, rejected=0, message='waiting for states')
+    assert feed(state(1, 0.5)) == -5.0
+    assert len(commands) == 1
+    assert process.output.count('ignoring states') == 1
+    assert '[INFO]' in process.output
+    assert "no joint 'axis', but elbow, knee" in process.output
+    assert '[ERROR]' not in process.output
+    assert process.interrupt() == 0
+
+
 def test_a_joint_among_many_is_found_and_a_velocity_that_is_not_measured_is_estimated(
     hand_fed, client
 ):
@@ -154,7 +168,11 @@ def test_a_joint_among_many_is_found_and_a_velocity_that_is_not_measured_is_esti
     assert three(2, 1, [9.0, 0.4, -9.0], []) < -3.0
     assert three(3, 1, [9.0, 0.3, -9.0], [0.0, -1.0, 0.0]) == -3.0 + 0.5
     # hardware without a velocity interface sends nan
-    estimated = [feed(state(tick, 0.3 - 0.001 * tick, math.nan)) for tick in range(4, 60)]
+    estimated = []
+    for tick in range(4, 60):
+        position_only = state(tick, 0.3 - 0.001 * tick, math.nan)
+        position_only.effort = [math.nan]
+        estimated.append(feed(position_only))
     assert estimated[-1] == pytest.approx(-10.0 * (0.3 - 0.001 * 59) + 0.5, abs=0.02)
     assert client.set('controller', velocity_source='estimated').successful
     assert math.isfinite(feed(state(60, 0.3, 1e9)))

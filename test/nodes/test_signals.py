@@ -34,7 +34,7 @@ def test_a_node_that_waits_ends_at_a_storm_of_signals(graph, client):
     for name, process in zip(EXECUTABLES, started, strict=True):
         node = 'controller' if name == 'closed_loop' else name
         client.get(f'{name}/{node}', 'use_sim_time')
-        signals = itertools.cycle((signal.SIGINT, signal.SIGTERM))
+        signals = itertools.cycle((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
         wait_for(
             lambda process=process: not process.running,
             f'the end of {name}',
