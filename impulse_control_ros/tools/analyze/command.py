@@ -209,8 +209,8 @@ def runs_of(options: argparse.Namespace) -> Iterator[Run]:
         if recording.begins_in_mid_run and shown == 1 and not options.check:
             warn(
                 NAME,
-                f'{bag}: settling times count from the first state, although the run began '
-                f'before; --set-point-change selects another of {len(run.responses)} responses',
+                f'{bag}: settling times count from the first state, although the run began before'
+                + '; --set-point-change selects another response' * (len(run.responses) > 1),
             )
         yield run
 
