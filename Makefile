@@ -12,6 +12,7 @@ EXTRAS := $(if $(SOURCED),[report],[report,ros])
 
 $(VENV)/.installed: setup.py pyproject.toml setup.cfg
 	$(PYTHON) -m venv $(if $(SOURCED),--system-site-packages) $(VENV)
+	@echo 'installing into $(VENV): a minute or two'
 	$(RUN)/python -m pip install --quiet --editable '.$(EXTRAS)'
 	touch $@
 
