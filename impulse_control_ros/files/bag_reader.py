@@ -7,6 +7,7 @@ sqlite3 databases are read in the order of recording: their timestamps may go ba
 
 from collections.abc import Iterator
 from contextlib import closing
+import os
 from pathlib import Path, PurePosixPath
 import re
 import sqlite3
@@ -37,7 +38,7 @@ PART = 1 << 20  # bytes of messages in memory
 
 def items(bag: str | Path) -> Iterator[Item]:
     """Yield the contents of a bag, file by file; raises `BagError` if it is invalid."""
-    bag = Path(bag)
+    bag = Path(os.path.expanduser(bag))
     if not bag.exists():
         raise BagError(f'bag {str(bag)!r} does not exist')
     files, notes = ([bag], []) if bag.is_file() else files_of(bag)

@@ -1,6 +1,7 @@
 """Read YAML with the rules of ROS."""
 
 from collections.abc import Iterable, Mapping
+import os
 from pathlib import Path
 import re
 from typing import Any
@@ -60,7 +61,7 @@ def read_mapping(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     Raises `ParameterError` if the file cannot be read or is not a mapping.
     """
     try:
-        content = parsed(Path(path).read_text(encoding='utf-8'))
+        content = parsed(Path(os.path.expanduser(path)).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'{path}: {" ".join(str(error).split())}') from None
     if not isinstance(content, Mapping):

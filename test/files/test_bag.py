@@ -320,6 +320,12 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path, content):
         read_bag(path)
 
 
+def test_a_tilde_in_the_path_of_a_bag_is_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    with pytest.raises(BagError, match=f'{tmp_path}/none'):
+        read_bag('~/none')
+
+
 def test_a_bag_without_our_topics_is_refused_by_its_topics(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     writer.write([(START, writer.add_topic(topic('/elsewhere')), STATE.encode(1, 0, 0, 0, 0))])

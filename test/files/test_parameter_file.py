@@ -130,6 +130,12 @@ def test_later_files_and_then_rules_count_for_each_node(files):
     assert made.plant.F_c == 0.1
 
 
+def test_a_tilde_in_a_path_is_the_home_folder(files, tmp_path, monkeypatch):
+    files('named')
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert load_experiment('~/named.yaml').gains.K == 12.0
+
+
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
