@@ -27,9 +27,19 @@ def nanoseconds(seconds: float, name: str) -> int:
     return whole
 
 
+def to_ns(sec: int, nanosec: int) -> int:
+    """Return a ROS stamp in nanoseconds."""
+    return sec * SECOND + nanosec
+
+
+def to_stamp(ns: int) -> tuple[int, int]:
+    """Return nanoseconds as a ROS stamp (s, ns)."""
+    return divmod(ns, SECOND)
+
+
 def stamp(tick: int, start_ns: int, step_ns: int) -> tuple[int, int]:
     """Return the ROS stamp (s, ns) of sample ``tick``: start + tick * step, exactly."""
-    return divmod(start_ns + tick * step_ns, SECOND)
+    return to_stamp(start_ns + tick * step_ns)
 
 
 def ticks(duration: float, time_step: float) -> int:
@@ -71,7 +81,7 @@ class SampleClock:
 
     def go_to(self, tick: int) -> None:
         """Go to the sample ``tick``."""
-        self.tick, self.stamp = tick, divmod(self.start_ns + tick * self.step_ns, SECOND)
+        self.tick, self.stamp = tick, to_stamp(self.start_ns + tick * self.step_ns)
 
     def seconds(self, ahead: int = 0) -> str:
         """Return the stamp, in seconds, ``ahead`` samples after the present one."""

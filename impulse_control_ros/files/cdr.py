@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import to_ns
 
 FIELDS = ('position', 'velocity', 'effort')
 COMMANDED = ('effort',)
@@ -220,7 +220,7 @@ def read_header(raw: bytes) -> tuple[int, bytes]:
     if len(raw) < _HEADER.size or raw[:4] != LITTLE_ENDIAN_CDR:
         return 0, b''
     _, sec, nanosec, size = _HEADER.unpack_from(raw)
-    return sec * SECOND + nanosec, raw[_HEADER.size : _HEADER.size + size - 1]
+    return to_ns(sec, nanosec), raw[_HEADER.size : _HEADER.size + size - 1]
 
 
 def encode_header(sec: int, nanosec: int, frame_id: str) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.protocol import name_of, parse_node
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import to_ns
 from impulse_control_ros.files.joint_state_arrays import Messages
 from impulse_control_ros.files.mcap_reader import Column
 from impulse_control_ros.files.parameter_event import decode_parameter_event, TYPE
@@ -93,7 +93,7 @@ class RunParameters:
             before = self._values.get(node_id)
             changed = changed if before is None else {**values, **changed}
             values = self._values[node_id] = {**(before or {}), **values, **changed}
-        return Change(sec * SECOND + nanosec, node_id, values, changed, run, topic, logged, place)
+        return Change(to_ns(sec, nanosec), node_id, values, changed, run, topic, logged, place)
 
     @property
     def joints(self) -> set[str]:

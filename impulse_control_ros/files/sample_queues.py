@@ -6,7 +6,7 @@ import struct
 from typing import Any, NamedTuple
 
 from impulse_control_ros.core.protocol import ENDLESS, FOREIGN, parse_command
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import to_ns
 from impulse_control_ros.files.cdr import read_header, string
 
 KEPT = 100_000
@@ -37,7 +37,7 @@ class StampedReader:
             text = read_header(raw)[1].decode(errors='replace')
             self._text, self._header = string(text), self._parse(text)
         sec, nanosec = read_stamp(raw, 4) if len(raw) > TEXT_AT else (0, 0)
-        return self._header, sec * SECOND + nanosec
+        return self._header, to_ns(sec, nanosec)
 
 
 class AnswerQueue:

@@ -25,7 +25,7 @@ from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
-from impulse_control_ros.core.tick import nanoseconds, SECOND, seconds
+from impulse_control_ros.core.tick import nanoseconds, seconds, to_ns
 from impulse_control_ros.errors import ParameterError, UnreadableError
 from impulse_control_ros.files.cdr import read_header
 from impulse_control_ros.files.experiment import ControllerParameters
@@ -82,7 +82,7 @@ class Controller(ManagedNode):
             header, (sec, nanosec, position, velocity) = self._reader.read(raw)
             if not (-INF < position < INF and -INF < velocity < INF):
                 self._require_measured(position, velocity)
-            stamp = sec * SECOND + nanosec
+            stamp = to_ns(sec, nanosec)
             if not self.states.follows(header, stamp) and (
                 not self._is_to_answer(header, stamp, raw)
             ):
@@ -116,14 +116,16 @@ class Controller(ManagedNode):
         if not header.run and not stamp:
             raise UnreadableError('no stamp')
         before, last = self.states.run, self.states.stamp
-        lockstep = not self.plants.run_freely(header.run)
+        lockstep = not self.plants.is_free_running(header.run)
         reply = self.states.judge(header, stamp, lockstep)
         if not header.run:
             if reply is Reply.REPEAT and raw != self._seen:
                 raise UnreadableError(f'same stamp as the previous state, {seconds(stamp)} s')
             self._seen = raw
-        if self.states.run != before and not self._adopt(header.run):
-            return False
+        if self.states.run != before:
+            self.active_other = ''  # it controls another run
+            if not self._adopt(header.run):
+                return False
         if reply is Reply.ANSWER_AFRESH:
             if stamp < last and self.states.run == before:
                 self.get_logger().info(
@@ -167,7 +169,7 @@ class Controller(ManagedNode):
         if reply is Reply.REPEAT:
             self._report.counts['repeated'] += 1
             # one of our free-running plants repeats its state only for new peers
-            if not (header.run and self.plants.run_freely(header.run)):
+            if not (header.run and self.plants.is_free_running(header.run)):
                 self.answers.repeat()
         elif reply is Reply.STAND_BY:
             self._report.counts['standby'] += 1
@@ -204,7 +206,7 @@ class Controller(ManagedNode):
 
     def deactivated(self) -> None:
         """Command 0 N to a free-running plant."""
-        if self.states.is_answering and self.plants.run_freely(self.states.run):
+        if self.states.is_answering and self.plants.is_free_running(self.states.run):
             self._command_zero()
 
     def _command_zero(self) -> None:
@@ -219,7 +221,7 @@ class Controller(ManagedNode):
             timeout
             and self.active
             and self.states.is_answering
-            and self.plants.run_freely(self.states.run)
+            and self.plants.is_free_running(self.states.run)
         ):
             return IDLE
         was_deserted = self.timeout.deserted

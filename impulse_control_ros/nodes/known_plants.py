@@ -42,7 +42,7 @@ class KnownPlants:
     def __contains__(self, run: str) -> bool:
         return run in self._values
 
-    def run_freely(self, run: str | None) -> bool:
+    def is_free_running(self, run: str | None) -> bool:
         """Return whether the plant of a run does not wait for commands."""
         return not self._values.get(run or '', {}).get('lockstep', False)
 

@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool
 
 from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.parameter import parameter, Parameters
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import SECOND, to_stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.cdr import encode_time
 from impulse_control_ros.files.experiment import cpu_core_parameter
@@ -187,7 +187,7 @@ class Player(ParameterNode):
     def _tell_time(self, now: int) -> None:
         rate = self.parameters.clock_rate
         if self._time and rate and monotonic() >= self._time_at:
-            self._time.publish(encode_time(*divmod(now, SECOND)))
+            self._time.publish(encode_time(*to_stamp(now)))
             self._time_at = max(self._time_at + 1.0 / rate, monotonic())
 
     def _end(self) -> None:

@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.protocol import name_of, new_id, NodeHeader, parse_node, WINDOW
 from impulse_control_ros.core.recorder_flow_control import LEAVES
-from impulse_control_ros.core.tick import nanoseconds, SECOND
+from impulse_control_ros.core.tick import nanoseconds, SECOND, to_stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter, require_writable
 from impulse_control_ros.files.cdr import encode_header
@@ -175,7 +175,7 @@ class Recorder(ParameterNode):
     def _tell_progress(self, reached: int) -> None:
         assert self._recording
         frame_id = NodeHeader(self._recording.run, self._id).frame_id
-        self.progress.send(encode_header(*divmod(reached, SECOND), frame_id))
+        self.progress.send(encode_header(*to_stamp(reached), frame_id))
 
     def _covered(self) -> tuple[int, float]:
         if not self._recording:

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from impulse_control_ros.core.tick import SECOND
+from impulse_control_ros.core.tick import to_stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_DEPTH
 
@@ -65,7 +65,7 @@ def qos_keys(qos: QoSProfile) -> dict[str, Any]:
     """Return the nine keys of rosbag2's ``offered_qos_profiles``, version 9."""
 
     def duration(value: Any) -> dict[str, int]:
-        sec, nanosec = divmod(value.nanoseconds, SECOND)
+        sec, nanosec = to_stamp(value.nanoseconds)
         return {'sec': sec, 'nsec': nanosec}
 
     return {

@@ -23,7 +23,7 @@ WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParame
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rerun:
+class Resimulation:
     """
     A bag's messages beside those of the run anew.
 
@@ -34,7 +34,7 @@ class Rerun:
     changes: int
 
 
-def runs_freely(recording: Recording) -> bool:
+def is_free_running(recording: Recording) -> bool:
     """Tell whether the plant does not wait for commands, as one that is none of ours."""
     return not recording.plant or not recording.plant[0].values.get('lockstep')
 
@@ -118,14 +118,14 @@ def located(
             yield at, anew, values
 
 
-def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Rerun:
+def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Resimulation:
     """
     Answer the recorded states.
 
     Raises `ParameterError` for a wrong override, `BagError` without parameters.
     """
     states, pieces, answers = answered_states(recording, overrides)
-    return Rerun(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
+    return Resimulation(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
 
 
 def answered_states(
@@ -143,7 +143,7 @@ def answered_states(
         np.isfinite(states['velocity'])
         | (np.isnan(states['velocity']) & np.isin(states['stamp'], recording.commands['stamp']))
     )
-    if runs_freely(recording):
+    if is_free_running(recording):
         seen &= np.isin(states['stamp'], recording.commands['stamp'])
     states = states[seen]
     if not len(states):
@@ -170,7 +170,7 @@ def with_velocities(recording: Recording) -> np.ndarray:
     return states
 
 
-def closed_loop(recording: Recording) -> Rerun:
+def closed_loop(recording: Recording) -> Resimulation:
     """
     Run the whole experiment again, from the parameters in the bag.
 
@@ -195,7 +195,7 @@ def closed_loop(recording: Recording) -> Rerun:
     for name in ('position', 'velocity', 'effort'):
         states[name] = made[name]
     told = np.isin(stamps, recording.damping['stamp'])  # not every sample's is published
-    return Rerun(
+    return Resimulation(
         changes=len(pieces) - 1,
         pairs={
             'joint_states': (recorded, states),

@@ -13,7 +13,7 @@ from impulse_control_ros.command_line import ended, Parser, simulated_time, Stop
 from impulse_control_ros.core.closed_loop import blocks_of
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.protocol import new_id, new_run, NodeHeader, StateHeader
-from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks
+from impulse_control_ros.core.tick import nanoseconds, SECOND, ticks, to_stamp
 from impulse_control_ros.errors import BagError, DivergedError
 from impulse_control_ros.files.bag import BagWriter, describe_run, require_definitions, Topic
 from impulse_control_ros.files.experiment import Experiment, PlantParameters
@@ -146,7 +146,7 @@ def begin_run(experiment: Experiment, writer: BagWriter, start_ns: int) -> RunMe
             start_ns,
             channels[RUN_PARAMETERS],
             encode_parameter_event(
-                *divmod(start_ns, SECOND),
+                *to_stamp(start_ns),
                 NodeHeader(header.run, node).frame_id,
                 parameters.flat(),
                 {},

@@ -18,4 +18,4 @@ def test_the_plant_in_use_is_kept_however_many_others_are_heard():
         if run == runs[0]:
             plants.adopt(run, ControllerParameters())
     assert [run for run in runs if run in plants] == [runs[0], *runs[-MOST + 1 :]]
-    assert not plants.run_freely(runs[0])
+    assert not plants.is_free_running(runs[0])

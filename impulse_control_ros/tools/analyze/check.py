@@ -19,7 +19,7 @@ from impulse_control_ros.errors import BagError, ParameterError
 from impulse_control_ros.files.completeness import NO_EVENT
 from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.tools.analyze.run import Run
-from impulse_control_ros.tools.resimulate import pieces_of, runs_freely
+from impulse_control_ros.tools.resimulate import is_free_running, pieces_of
 
 COLUMNS = [item.name for item in fields(Check) if item.name != 'first']
 FIRST = ['stamp', *Violation._fields[1:]]
@@ -83,7 +83,7 @@ def motion_of(
     """Check the motion of the axis, by its parameters if the bag has them."""
     if axes:
         checks = check_motion(loop, axes)
-        return checks if runs_freely(recording) else [*checks, check_applied(loop, axes)]
+        return checks if is_free_running(recording) else [*checks, check_applied(loop, axes)]
     if errors:
         return check_foreign_motion(loop, gains, errors)
     note = 'give --position-error and --velocity-error of the axis, 0 if it has none'
