@@ -48,9 +48,10 @@ class SweepFolder:
         if not self.result.exists():
             return False
         try:
-            self._require_identity(pq.read_schema(self.result))
+            self._require_identity(schema_of(self.result))
         except UNREADABLE as error:
-            if isinstance(error, ParameterError):
+            # an OSError with a number is the reason itself, as a permission that is missing
+            if isinstance(error, ParameterError) or getattr(error, 'errno', None):
                 raise
             raise ParameterError(
                 f'{self.result} is not the result of a sweep: choose another --out or move it away'
@@ -82,7 +83,7 @@ class SweepFolder:
         found = set()
         for path in self._parts.glob('part_*.parquet'):
             try:
-                self._require_identity(pq.read_schema(path))
+                self._require_identity(schema_of(path))
                 read_part(path)
                 found.add(int(path.stem.removeprefix('part_')))
             except ParameterError:
@@ -97,13 +98,17 @@ class SweepFolder:
         fields = [field.with_metadata({'unit': self._units[field.name]}) for field in table.schema]
         table = table.cast(pa.schema(fields, {KEY: self._identity}))
         self._parts.mkdir(exist_ok=True)
-        with replaced(self._part(number)) as path:
-            pq.write_table(table, path, **OPTIONS)
+        with replaced(self._part(number)) as path, path.open('wb') as stream:
+            pq.write_table(table, stream, **OPTIONS)
 
     def conclude(self, chunks: int) -> None:
         """Join all parts into the result, some rows at a time, and remove the parts."""
-        schema = pq.read_schema(self._part(0))
-        with replaced(self.result) as path, pq.ParquetWriter(path, schema, **OPTIONS) as writer:
+        schema = schema_of(self._part(0))
+        with (
+            replaced(self.result) as path,
+            path.open('wb') as stream,
+            pq.ParquetWriter(stream, schema, **OPTIONS) as writer,
+        ):
             waiting: list[pa.Table] = []
             for number in range(chunks):
                 waiting.append(read_part(self._part(number)))
@@ -119,15 +124,16 @@ class SweepFolder:
     def column(self, name: str) -> np.ndarray:
         """Return a column of the result; raises `SweepError` if it is damaged."""
         try:
-            return np.asarray(
-                pq.read_table(
-                    self.result,
-                    columns=[name],
-                    use_threads=False,
-                    pre_buffer=False,
-                    page_checksum_verification=True,
-                )[name]
-            )
+            with self.result.open('rb') as stream:
+                return np.asarray(
+                    pq.read_table(
+                        stream,
+                        columns=[name],
+                        use_threads=False,
+                        pre_buffer=False,
+                        page_checksum_verification=True,
+                    )[name]
+                )
         except UNREADABLE as error:
             raise SweepError(f'{self.result}: {" ".join(str(error).split())}') from None
 
@@ -147,5 +153,14 @@ class SweepFolder:
 
 def read_part(path: Path) -> pa.Table:
     """Return a part after verifying its checksums."""
-    with pq.ParquetFile(path, page_checksum_verification=True) as part:
+    with (
+        path.open('rb') as stream,
+        pq.ParquetFile(stream, page_checksum_verification=True) as part,
+    ):
         return part.read(use_threads=False)
+
+
+def schema_of(path: Path) -> pa.Schema:
+    """Return the schema of a Parquet file."""
+    with path.open('rb') as stream:
+        return pq.read_schema(stream)

@@ -107,6 +107,12 @@ def test_a_folder_of_another_study_is_refused_by_the_difference(folder):
         other(folder).is_concluded()
 
 
+def test_a_result_that_cannot_be_opened_is_refused_by_the_reason(folder):
+    folder.result.mkdir()
+    with pytest.raises(IsADirectoryError, match=r'Is a directory: .*runs\.parquet'):
+        folder.is_concluded()
+
+
 def test_a_result_that_is_none_is_refused(folder):
     folder.result.write_bytes(b'PAR1')
     with pytest.raises(ParameterError, match=r'runs\.parquet is not the result of a sweep'):
