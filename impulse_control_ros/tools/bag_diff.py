@@ -111,11 +111,19 @@ def effort_line(found: Difference) -> str:
         rows['effort'][np.isin(rows['stamp'], found.common)]
         for rows in (found.replayed, found.recorded)
     )
-    apart = np.abs(replayed - recorded)
-    peak = int(np.argmax(apart))
+    with np.errstate(all='ignore'):  # recorded efforts may be nan, infinite or huge
+        apart = np.abs(replayed - recorded)
+    is_known = np.isfinite(apart)
+    apart, stamps, unknown = apart[is_known], found.common[is_known], np.count_nonzero(~is_known)
+    left_out = f', {unknown} that are not finite left out' if unknown else ''
+    if not len(apart):
+        return f'effort apart: none to compare{left_out}'
+    at = int(np.argmax(apart))
+    peak = float(apart[at])
+    rms = peak * np.sqrt(np.mean((apart / (peak or 1.0)) ** 2))  # whose squares do not overflow
     return (
-        f'effort apart: RMS {np.sqrt(np.mean(apart**2)):.6g} N, peak {apart[peak]:.6g} N '
-        f'at {seconds(int(found.common[peak]))} s'
+        f'effort apart: RMS {rms:.6g} N, peak {peak:.6g} N at {seconds(int(stamps[at]))} s'
+        f'{left_out}'
     )
 
 

@@ -8,6 +8,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from impulse_control_ros.core.protocol import parse_command
+from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.bag import BagWriter, Topic
 from impulse_control_ros.files.cdr import encode_float64
 from impulse_control_ros.files.mcap_reader import Column, columns
@@ -18,7 +19,7 @@ from test.command_lines import status_of
 from test.conftest import CONFIG
 from test.files.test_bag import QOS
 from test.nodes.runs import stamp_of, STEP
-from test.tools.bags import recorded as simulated
+from test.tools.bags import begun, entries, experiment, finished, recorded as simulated
 from test.tools.test_analyze import BAD, of_a_robot
 
 LAST = 3_000_000_000
@@ -333,6 +334,24 @@ def test_a_bag_without_commands_is_no_bag_that_is_the_same(tmp_path, capsys):
     file = CONFIG / 'underdamped.yaml'
     assert status_of('replay', foreign, '--controller', '--params', file) == 2
     assert 'no command in it answers one of its states' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('value', [np.nan, -np.inf, 1e308])
+def test_efforts_near_overflow_differ_and_are_checked_without_a_warning(tmp_path, capsys, value):
+    made = experiment('underdamped')
+    run = simulate(made.plant, made.gains, 0.01)
+    run.effort[5] = value
+    writer = begun(tmp_path / 'bag', made)
+    writer.write(entries(run))
+    bag = finished(writer)
+    for how in ('--controller', '--closed-loop'):
+        assert status_of('replay', bag, how) == 1
+        said = capsys.readouterr().out
+        if np.isfinite(value):
+            assert 'peak 1e+308 N at 1.000500000 s' in said
+        else:
+            assert ', 1 that are not finite left out' in said
+    assert status_of('analyze', bag, '--check') == 1
 
 
 def foreign(path, channels):

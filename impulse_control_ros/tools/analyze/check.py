@@ -46,6 +46,7 @@ class Checked:
         return seconds(stamps[check.first.sample]) if check.first else ''
 
 
+@np.errstate(all='ignore')  # recorded values may be nan, infinite or huge
 def checked(run: Run, errors: Errors | None) -> Checked:
     """Check a run; ``errors`` are the largest ones of the sensor of a foreign plant."""
     recording = run.recording
