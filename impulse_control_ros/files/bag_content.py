@@ -92,12 +92,12 @@ class BagContent:
     def add(self, item: Item) -> None:
         """Add an item of a file."""
         if isinstance(item, Column):
-            self._add_messages(item)
+            self._add_messages(item._replace(topic=absolute(item.topic)))
         elif isinstance(item, Schema):
             self._schemas[item.id] = item
         elif isinstance(item, Channel):
             schema = self._schemas.get(item.schema_id)
-            self._channels[item.topic] = item, schema.name if schema else ''
+            self._channels[absolute(item.topic)] = item, schema.name if schema else ''
         elif isinstance(item, Cut):
             self.unread = (self.unread or 0) + item.unread
         elif isinstance(item, Note):

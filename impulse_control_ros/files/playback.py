@@ -14,7 +14,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag_reader import items
 from impulse_control_ros.files.experiment import LAST_SECOND
-from impulse_control_ros.files.mcap_reader import Column
+from impulse_control_ros.files.mcap_reader import Column, Cut, Note
 
 Message = tuple[int, str, bytes]  # log time [ns], topic, CDR
 YEAR = 366 * 86_400 * SECOND
@@ -48,11 +48,16 @@ class Offer(NamedTuple):
             raise BagError('its offered_qos_profiles cannot be read') from None
 
 
-def surveyed(bag: Path) -> tuple[dict[str, Offer], dict[str, list[np.ndarray]]]:
-    """Return, by topic, what its channels tell, and the log times [ns] of its messages."""
+def surveyed(bag: Path) -> tuple[dict[str, Offer], dict[str, list[np.ndarray]], list[str]]:
+    """
+    Return, by topic, what its channels tell, and the log times [ns] of its messages.
+
+    The last are sentences on what the bag lacks.
+    """
     kinds: dict[int, str] = {}
     found: dict[str, Offer] = {}
     times: dict[str, list[np.ndarray]] = {}
+    lacks: list[str] = []
     for item in items(bag):
         if isinstance(item, Schema):
             kinds[item.id] = item.name
@@ -63,7 +68,11 @@ def surveyed(bag: Path) -> tuple[dict[str, Offer], dict[str, list[np.ndarray]]]:
             offer.encodings.add(item.message_encoding)
         elif isinstance(item, Column):
             times.setdefault(item.topic, []).append(item.time)
-    return found, times
+        elif isinstance(item, Cut):
+            lacks.append(f'it was cut off; {item.unread} bytes at its end cannot be read')
+        elif isinstance(item, Note):
+            lacks.append(item.text)
+    return found, times, lacks
 
 
 def chosen(found: Mapping[str, Offer], wanted: Sequence[str] | None) -> dict[str, Offer]:

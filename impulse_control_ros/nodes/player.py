@@ -64,7 +64,7 @@ class Player(ParameterNode):
             ],
         )
         self._path = options.bag
-        found, times = surveyed(self._path)
+        found, times, lacks = surveyed(self._path)
         self._outputs: dict[str, Publisher] = {}
         self._make_outputs(chosen(found, options.topics))
         self._time = (
@@ -76,6 +76,8 @@ class Player(ParameterNode):
         self._refused = Counter[str]()
         self._time_at = 0.0
         self._start_ns, self._end_ns = self._span(times, options.start_offset or 0.0)
+        for what in lacks:
+            self.get_logger().warning(f'{self._path}: {what}')
         self._begin()
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.get_logger().info(

@@ -20,7 +20,7 @@ from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag_reader import files_of
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.files.definition import message_definition
-from impulse_control_ros.files.playback import in_order, span_of, surveyed
+from impulse_control_ros.files.playback import chosen, in_order, span_of, surveyed
 from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import START, STORE
 
@@ -64,7 +64,7 @@ def is_whole(bag):
     assert run.states['position'].tolist() == POSITIONS
     assert run.effort.tolist() == [5.0] * COUNT
     assert (run.unread, run.lacks) == (None, ['the parameters of the controller are missing'])
-    found, times = surveyed(bag)
+    found, times, _ = surveyed(bag)
     assert found[TOPIC].kind == JOINT_STATE
     span = span_of(times[TOPIC])
     assert span == (START, START + (COUNT - 1) * MS)
@@ -194,6 +194,21 @@ orders = st.one_of(
     st.just(range(COUNT)[::-1]),
     st.integers(0, 99).map(lambda seed: np.random.default_rng(seed).permutation(COUNT)),
 )
+
+
+@pytest.mark.parametrize('name', [TOPIC, 'joint_states'])
+@pytest.mark.parametrize('wanted', [TOPIC, 'joint_states'])
+def test_the_slash_in_front_of_a_topic_does_not_matter(tmp_path, name, wanted):
+    with (tmp_path / 'bag.mcap').open('wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', b'')
+        channel = writer.register_channel(name, 'cdr', schema)
+        for k in range(3):
+            writer.add_message(channel, START + k, message(k), START + k)
+        writer.finish()
+    assert len(read_bag(tmp_path / 'bag.mcap', topics=[wanted]).states) == 3
+    assert [*chosen(surveyed(tmp_path / 'bag.mcap')[0], [wanted])] == [name]
 
 
 @given(

@@ -421,8 +421,10 @@ def test_messages_with_a_log_time_far_from_all_others_are_left_out(replay, tmp_p
         tmp_path / 'bag.mcap',
         [('a', 'std_msgs/msg/Float64', 'cdr', '', [(time, ONCE[0][1]) for time in times])],
     )
+    bag.write_bytes(bag.read_bytes()[:-8])
     status, said = replay(bag, '--topics', '/a', '--rate', '1e300')
     assert status == 0, said
+    assert f'{bag}: it was cut off; 0 bytes at its end cannot be read' in said
     assert '1 messages are left out: their log time' in said
     assert '3 messages published' in said
 
