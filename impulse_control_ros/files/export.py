@@ -8,6 +8,7 @@ the units, the recording summary and what is missing; a CSV file has no room for
 
 from collections.abc import Mapping
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ def to_arrow(bag: Bag) -> Any:
     columns = columns_of(run)
     arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}
     arrays['guard'] = pa.DictionaryArray.from_arrays(arrays['guard'], GUARDS)
-    about = json.dumps(provenance(run))
+    about = json.dumps(finite(provenance(run)), allow_nan=False)
     return pa.table(
         list(arrays.values()),
         schema=pa.schema(
@@ -120,6 +121,15 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
         'damping': column(run.damping, 'damping'),
         'is_reset': column(run.states, 'is_reset', False),
     }
+
+
+def finite(value: Any) -> Any:
+    """Return what JSON can hold: null for a number that is not finite."""
+    if isinstance(value, Mapping):
+        return {name: finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def provenance(run: Recording) -> Mapping[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter
-from impulse_control_ros.files.export import to_csv, to_numpy, to_pandas, to_parquet, UNITS
+from impulse_control_ros.files.export import finite, to_csv, to_numpy, to_pandas, to_parquet, UNITS
 from impulse_control_ros.files.recording import read_bag
 from test.files.test_bag import begun, COMMAND, EVENT, STATE
 
@@ -123,6 +123,11 @@ def test_a_sample_that_lacks_a_message_is_a_row_with_a_gap(tmp_path):
     assert list(np.isnan(table['command'])) == [True, False, True]
     assert list(table['impulse_area']) == [0.0, 0.0, 0.125]
     assert list(table['guard']) == ['', '', 'position_zero']
+
+
+def test_parameters_that_are_not_finite_are_null_as_json_has_no_such_numbers():
+    told = {'K': float('nan'), 'limits': (float('-inf'), 1.0), 'name': 'axis', 'on': True}
+    assert finite(told) == {'K': None, 'limits': [None, 1.0], 'name': 'axis', 'on': True}
 
 
 def test_a_bag_without_samples_is_refused_and_no_file_is_left(tmp_path):
