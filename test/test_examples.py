@@ -18,7 +18,9 @@ def test_a_controller_of_ones_own_answers_every_state_and_the_axis_settles(graph
     bag, config = graph.folder / 'bag', CONFIG / 'pd_only_upper.yaml'
     recorder = graph.start('recorder', config=config, bag=bag)
     controller = graph.start('python', EXAMPLES / 'my_controller.py', K=K, D=D, x_r=X_R)
-    plant = graph.start('plant_simulator', config=config, duration=2.0, time_step=1e-3)
+    # the recorder may discover the others late: the plant waits for it for command_timeout
+    how = {'duration': 2.0, 'time_step': 1e-3, 'command_timeout': 30.0}
+    plant = graph.start('plant_simulator', config=config, **how)
     assert plant.wait() == 0, plant.output
     assert recorder.interrupt() == controller.interrupt() == 0, controller.output
     assert plant.totals['accepted'] == plant.totals['steps'] + 1

@@ -1,5 +1,7 @@
 """Plant, controller and recorder in one process, and what there is around it."""
 
+import re
+
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -137,7 +139,8 @@ def test_real_time_factor_holds_simulated_time_to_the_wall_clock(graph):
         graph, **{'plant_simulator:duration': 0.2, 'plant_simulator:real_time_factor': 0.5}
     )
     assert process.wait() == 0, process.output
-    assert float(read_bag(graph.folder / 'bag').recording_summary['wall_seconds']) > 0.36
+    (wall,) = re.findall(r'0\.2 s in (\S+) s of wall time', process.output)
+    assert float(wall) > 0.39
 
 
 def test_without_the_events_executor_the_standard_one_serves_and_says_so(graph):
