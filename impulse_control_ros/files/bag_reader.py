@@ -156,7 +156,8 @@ def described(topic: dict[str, Any]) -> Iterator[Item]:
         id=topic['id'],
         schema_id=topic['id'],
         topic=topic['name'],
-        message_encoding=topic['serialization_format'],
+        # early versions of rosbag2 name no format
+        message_encoding=topic.get('serialization_format') or 'cdr',
         metadata={'offered_qos_profiles': topic.get('offered_qos_profiles') or ''},
     )
 

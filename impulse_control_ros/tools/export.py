@@ -23,7 +23,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('bag', metavar='BAG', type=Path, help='folder or .mcap file')
+    parser.add_argument(
+        'bag', metavar='BAG', type=Path, help='a rosbag2 folder, or one of its files'
+    )
     parser.add_argument(
         'file', metavar='FILE.parquet|FILE.csv', type=Path, help='the ending says which'
     )
@@ -53,6 +55,8 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
     if not len(run.states):
         raise BagError(f'bag {str(bag)!r} has no samples')
     rows = (to_csv if file.suffix == '.csv' else to_parquet)(run, file)
+    if run.lacks:
+        warn('export_bag', f'{bag}: incomplete: {"; ".join(run.lacks)}')
     if run.unread is not None:
         warn('export_bag', f'{bag} was cut off; {run.unread} bytes at its end cannot be read')
     print(f'export_bag: {file} has {rows} rows')

@@ -21,7 +21,9 @@ The last two print what differs, bit by bit, and exit with 1 where anything does
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what is not for ROS."""
-    parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder, or its .mcap file')
+    parser.add_argument(
+        'bag', metavar='BAG', type=Path, help='a rosbag2 folder, or one of its files'
+    )
     play = parser.add_argument_group(
         'on the graph',
         'ros2 param set /replay rate 2.0 tunes it, '

@@ -143,6 +143,15 @@ def test_what_a_killed_recorder_left_in_the_log_of_a_database_is_read(tmp_path):
     assert span_of(surveyed(copy)[1][TOPIC])[0] == START + 1
 
 
+def test_a_database_of_the_first_rosbag2_names_no_format_and_is_read(tmp_path):
+    bag = written(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    with closing(sqlite3.connect(file_of(bag))) as database:
+        for column in ('serialization_format', 'offered_qos_profiles', 'type_description_hash'):
+            database.execute(f'ALTER TABLE topics DROP COLUMN {column}')
+        database.commit()
+    is_whole(bag)
+
+
 @pytest.mark.parametrize(
     ('content', 'why'),
     [
