@@ -32,7 +32,7 @@ compiled = kernel(error_model='numpy', nogil=True, forceinline=True)
 
 
 def first_values(values: np.ndarray, size: int) -> tuple[Any, ...]:
-    """Do in Python what numba's to_fixed_tuple does, which exists in compiled code only."""
+    """Replace numba's to_fixed_tuple, which exists in compiled code only."""
     return tuple(values[:size])
 
 

@@ -211,7 +211,7 @@ def read_parameters(
     nodes: Mapping[str, type[Parameters]], paths: Iterable[str | Path], rules: Iterable[str]
 ) -> dict[str, dict[str, Any]]:
     """
-    Return the values that parameter files, then rules, give to each of the ``nodes``, by name.
+    Return the values of each of the ``nodes`` by name: first from the files, then the rules.
 
     The nodes share the one namespace that the files name. Raises `ParameterError` for files that
     cannot be read and values that no node accepts; the message names the file, the parameter and
