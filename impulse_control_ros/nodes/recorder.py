@@ -40,6 +40,7 @@ from impulse_control_ros.nodes.spin import main as run_node
 from impulse_control_ros.nodes.topics import Output, SLOW_QOS
 
 BATCH, BATCH_PERIOD = 250, 0.02
+EARLY = 20 * WINDOW  # messages; a foreign plant at 1 kHz does not wait for discovery, 10 s at most
 WATCH_PERIOD = 0.5
 FLIGHT = 6.0  # s to wait for messages in flight at the end; more than files/run_recording.py waits
 MOST_RUNS = 10
@@ -61,7 +62,7 @@ class Recorder(ParameterNode):
         self._events: dict[str, dict[str, list[Taken]]] = {}  # the events by run and node
         self._plants: dict[str, Mapping[str, Any]] = {}  # the parameters by run, the newest last
         self._recording: RunRecording | None = None
-        self._early: deque[Taken] = deque(maxlen=2 * WINDOW)  # before a run is known
+        self._early: deque[Taken] = deque(maxlen=EARLY)  # before a run is known
         self._bags = 0
         self._batch_at = 0.0
         # on the steady clock, since simulated time may stop
