@@ -42,7 +42,7 @@ class Plant:
         controller = {'state_timeout': 30.0} | controller
         self.controller = graph.start('controller', config=CONFIG, lifecycle=True, **controller)
         self.axis = graph.start('python', EXAMPLE / 'axis.py')
-        client.spin_until(lambda: len(self._raw) > 100, 'states')
+        client.spin_until(lambda: len(self._raw) > 300, 'states')
         # the axis waits for nobody: who has discovered the controller can record it
         client.spin_until(
             lambda: (
