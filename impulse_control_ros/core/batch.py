@@ -34,6 +34,7 @@ from impulse_control_ros.core.control_gains import ControlGains, Gains
 from impulse_control_ros.core.control_law import (
     control_step,
     FRESH,
+    GAINS,
     gains_of,
     LawState,
     options_of,
@@ -52,6 +53,7 @@ from impulse_control_ros.core.metrics import (
     conclude,
     COUNTS,
     figures_dtype,
+    NOTHING,
     outside_since,
     Sums,
 )
@@ -67,9 +69,9 @@ CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
 TASK = 256  # runs per task of a thread: milliseconds, so that Ctrl-C takes effect
 SAMPLES = 256  # of a run with hardware, between updates of its figures
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
-GAINS, SUMS, X_R = len(Gains._fields), len(Sums._fields), Gains._fields.index('x_r')
+SUMS, X_R = len(Sums._fields), Gains._fields.index('x_r')
 KEPT = LawState._fields.index('hold') + 1  # fields that a law without options uses
-UNUSED, NOTHING = (0.0,) * (len(FRESH) - KEPT), Sums(*[0.0] * SUMS)
+UNUSED = (0.0,) * (len(FRESH) - KEPT)
 NOW = (
     'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
     'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',

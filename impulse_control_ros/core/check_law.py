@@ -34,9 +34,8 @@ from impulse_control_ros.core.check_report import (
     PerSample,
     ROUNDING,
 )
-from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING
+from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING, STILL
 
-STILL = 1e-12  # m/s, below which an estimated velocity is zero
 LONG_MEMORY = ('K_i', 'effort_limit')
 MEMORY = (*LONG_MEMORY, 'position_hysteresis', 'velocity_hysteresis')
 

@@ -8,11 +8,11 @@ The fields of `ControlGains` are the parameters of the controller. The kernels r
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from impulse_control_ros.core.damping import low_pass_pole
 from impulse_control_ros.core.jit import record
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters
 from impulse_control_ros.core.tick import nanoseconds
@@ -192,8 +192,7 @@ def packed_law(values: Mapping[str, Any], runs: int) -> np.ndarray:
         'lookahead_time': np.asarray(values['guard_lookahead']) * values['time_step'],
         'release_velocity': np.asarray(values['velocity_deadband'])
         + values['velocity_hysteresis'],
-        # math.exp, value by value: numpy.exp differs in the last bit between machines
-        'pole': [math.exp(-2.0 * math.pi * item) for item in turn.tolist()],
+        'pole': low_pass_pole(turn),
         'inverse_m': 1.0 / np.asarray(values['m']),
         'integral_gain': np.asarray(values['K_i']) * values['time_step'],
         'estimates': np.asarray(values['velocity_source']) == 'estimated',

@@ -43,6 +43,17 @@ DAMPING = record(
 )
 
 
+def bandwidth_parameter() -> Any:
+    """Declare the bandwidth of a profile, that of the damping or of a disturbance."""
+    return parameter(
+        5.0,
+        'Hz',
+        'corner of the noise filter, frequency of the sinusoid',
+        lower=0.0,
+        open_lower=True,
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Damping(Parameters):
     """A damping profile, constant at ``value`` or varying between ``lower`` and ``upper``."""
@@ -72,13 +83,7 @@ class Damping(Parameters):
         open_lower=True,
         reference='(1)',
     )
-    bandwidth: float = parameter(
-        5.0,
-        'Hz',
-        'corner of the noise filter, frequency of the sinusoid',
-        lower=0.0,
-        open_lower=True,
-    )
+    bandwidth: float = bandwidth_parameter()
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     prefix = 'damping.'
@@ -92,6 +97,12 @@ class Damping(Parameters):
     )
 
 
+def low_pass_pole(turn: np.ndarray) -> list[float]:
+    """Return the pole of a low-pass filter for its corner in turns per sample, shape (n,)."""
+    # math.exp, value by value: numpy.exp differs in the last bit between machines.
+    return [math.exp(-2.0 * math.pi * item) for item in turn.tolist()]
+
+
 def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np.ndarray:
     """Pack values, or arrays of shape (runs,), by the names of `Damping`: dtype DAMPING."""
     profile = np.zeros(runs, DAMPING)
@@ -100,8 +111,7 @@ def packed_damping(values: Mapping[str, Any], time_step: float, runs: int) -> np
     for index, kind in enumerate(KINDS):
         profile['kind'][np.asarray(values['kind']) == kind] = index
     profile['turn'] = np.asarray(values['bandwidth']) * time_step
-    # math.exp, value by value: numpy.exp differs in the last bit between machines.
-    profile['pole'] = [math.exp(-2.0 * math.pi * turn) for turn in profile['turn'].tolist()]
+    profile['pole'] = low_pass_pole(profile['turn'])
     profile['gain'] = np.sqrt(1.0 - profile['pole'] * profile['pole'])
     return profile
 

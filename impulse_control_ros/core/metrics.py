@@ -32,6 +32,7 @@ class Sums(NamedTuple):
 
 
 COUNTS = ('position_zero', 'velocity_zero', 'sticking')
+NOTHING = Sums(*[0.0] * len(Sums._fields))  # before the first sample
 SUMS = np.dtype([(name, 'f8') for name in Sums._fields])
 
 
@@ -141,7 +142,7 @@ def outside_since(last, tick, error, tolerance):
 @compiled
 def add_up(error, velocity, effort, areas, guards, tolerances):
     """Return the sums over a run, and for each tolerance the last tick outside, or -1."""
-    sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sums = NOTHING
     outside = np.full(len(tolerances), -1.0)
     for k in range(len(error)):
         sums = added(sums, sign(error[0]), error[k], velocity[k], effort[k], areas[k], guards[k])

@@ -32,14 +32,22 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.damping import MOST_SEED, sine, white, word
+from impulse_control_ros.core.damping import (
+    bandwidth_parameter,
+    KINDS,
+    low_pass_pole,
+    MOST_SEED,
+    NOISE,
+    sine,
+    SINUSOIDAL,
+    white,
+    word,
+)
 from impulse_control_ros.core.jit import compiled, record
 from impulse_control_ros.core.parameter import FAR, parameter, Parameters, Rule
 
 VELOCITIES = ('ideal', 'difference', 'none')
 _, DIFFERENCE, NONE = range(3)
-FORCES = ('constant', 'noise', 'sinusoidal')
-CONSTANT, NOISE, SINUSOIDAL = range(3)
 MOST_DELAY = 1000
 LEAST_STEP = 1e-12  # m
 # Each noise has its own offset in the stream of a seed; the damping noise starts at 0.
@@ -150,7 +158,7 @@ class Payload(Parameters):
 class Disturbance(Parameters):
     """An external force on the axis."""
 
-    kind: str = parameter('constant', '', 'how the disturbance varies', choices=FORCES)
+    kind: str = parameter('constant', '', 'how the disturbance varies', choices=KINDS)
     force: float = parameter(
         0.0,
         'N',
@@ -163,13 +171,7 @@ class Disturbance(Parameters):
         0.0, 's', 'simulated time since the start of the run from which it acts', lower=0.0
     )
     end: float = parameter(0.0, 's', 'simulated time up to which it acts; 0 for no end', lower=0.0)
-    bandwidth: float = parameter(
-        5.0,
-        'Hz',
-        'corner of the noise filter, frequency of the sinusoid',
-        lower=0.0,
-        open_lower=True,
-    )
+    bandwidth: float = bandwidth_parameter()
     seed: int = parameter(1, '', 'seed of the noise', lower=0, upper=MOST_SEED)
 
     prefix = 'disturbance.'
@@ -222,7 +224,7 @@ def packed_hardware(values: Mapping[str, Any], runs: int) -> np.ndarray:
         rows[name] = np.round(np.asarray(values[source]) / time_step)  # in ticks
     for name, source, kinds in (
         ('velocity', 'sensor.velocity', VELOCITIES),
-        ('kind', 'disturbance.kind', FORCES),
+        ('kind', 'disturbance.kind', KINDS),
     ):
         for index, kind in enumerate(kinds):
             rows[name][np.asarray(values[source]) == kind] = index
@@ -237,7 +239,7 @@ def packed_hardware(values: Mapping[str, Any], runs: int) -> np.ndarray:
         -math.expm1(-1.0 / item) * item if item > 0.0 else 0.0 for item in lag.tolist()
     ]
     rows['turn'] = np.asarray(values['disturbance.bandwidth']) * time_step
-    rows['force_pole'] = [math.exp(-2.0 * math.pi * turn) for turn in rows['turn'].tolist()]
+    rows['force_pole'] = low_pass_pole(rows['turn'])
     rows['force_gain'] = np.sqrt(1.0 - rows['force_pole'] * rows['force_pole'])
     return rows
 

@@ -11,15 +11,13 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
 from impulse_control_ros.errors import MissingPackageError
 
 UNITS = {
-    'time': 's',
-    'position': 'm',
-    'velocity': 'm/s',
-    'effort': 'N',
-    'set_point': 'm',
-    'guard': '',
+    **{name: SAMPLE_COLUMNS[name].unit for name in ('time', 'position', 'velocity', 'effort')},
+    'set_point': SAMPLE_COLUMNS['position'].unit,
+    'guard': SAMPLE_COLUMNS['guard'].unit,
 }
 
 

@@ -17,6 +17,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.topics import offered_on, SERIES_DEPTH
 from impulse_control_ros.nodes.topics import qos_keys
 from test.conftest import ROOT
+from test.files.test_bag import QOS
 from test.nodes.runs import Run
 
 NEEDED = {
@@ -32,16 +33,6 @@ NEEDED = {
     ('recorder', '/setpoint'),
 }
 TOPICS = sorted({topic for _, topic in NEEDED})
-FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-UNRECORDED = {
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': FOREVER,
-    'lifespan': FOREVER,
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': FOREVER,
-    'avoid_ros_namespace_conventions': False,
-}
 
 
 def profile(keys):
@@ -65,7 +56,7 @@ def profile(keys):
 def offered_by_play(profiles):
     """Return what rosbag2's player offers: the recorded profile where all are the same."""
     assert all(one == profiles[0] for one in profiles)
-    return profile(profiles[0] if profiles else UNRECORDED)
+    return profile(profiles[0] if profiles else QOS)
 
 
 def test_play_offers_every_node_what_it_requests_and_a_bag_says_what_was_offered(graph, client):
@@ -105,8 +96,8 @@ def test_the_overrides_for_ros2_bag_reach_and_are_reached_by_our_nodes(name, top
     overrides = yaml.safe_load((ROOT / 'qos' / f'{name}.yaml').read_text())
     assert len(overrides) == topics
     for topic, keys in overrides.items():
-        ours = profile({**UNRECORDED, **offered_on(topic.strip('/'))})
-        theirs = profile({**UNRECORDED, **keys})
+        ours = profile({**QOS, **offered_on(topic.strip('/'))})
+        theirs = profile({**QOS, **keys})
         pair = (ours, theirs) if name == 'record' else (theirs, ours)
         assert qos_check_compatible(*pair)[0] == QoSCompatibility.OK
     depth = overrides['/joint_states']['depth']
