@@ -1,5 +1,6 @@
 """Selection of the command that acts on the plant: core/protocol.py with its timers."""
 
+from impulse_control_ros.core.age import Age, AgeLimit
 from impulse_control_ros.core.protocol import (
     after_reset,
     after_silence,
@@ -10,6 +11,7 @@ from impulse_control_ros.core.protocol import (
     Verdict,
 )
 from impulse_control_ros.core.silence import Silence
+from impulse_control_ros.core.tick import SECOND, to_ns
 
 SOON = 0.02  # s; minimum time before an unanswered state is republished
 ROUND_TRIPS = 20
@@ -23,6 +25,8 @@ class CommandArbiter:
     ``header`` is the header of the plant's states and ``effort`` [N] the applied effort.
     ``awaiting`` is true while the present state is unanswered; ``silence`` measures how long.
     ``counts`` counts the commands by outcome. All times ``now`` [s] come from one clock.
+    Without lockstep, a command acts up to the ``age`` limit, by the stamps of plant and command; a
+    command without a known age counts as new when it arrives.
     """
 
     def __init__(self, run: str, lockstep: bool, now: float) -> None:
@@ -31,15 +35,20 @@ class CommandArbiter:
         self.counts = {'accepted': 0, 'late': 0} | dict.fromkeys(
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0
         )
+        self.age = AgeLimit()
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # stamp of the newest applied command, without lockstep
+        self._acts_since = 0  # ns of the plant, without lockstep
         self._asked_at = now
         self._round_trip = 0.0  # s; tracks the median time from state to command
 
     def expect(self, stamp: Stamp, now: float) -> None:
         """Expect the command for the state of ``stamp``, published ``now``."""
         self._stamp, self._asked_at, self.awaiting = stamp, now, self._lockstep
+        acted = (to_ns(*stamp) - self._acts_since) / SECOND
+        if self.age.limit and not self._lockstep and acted > self.age.limit:
+            self.effort = 0.0
 
     def take(self, sender: CommandHeader, stamp: Stamp, effort: float, now: float) -> Verdict:
         """Take a command; if accepted, its ``effort`` [N] acts from now on."""
@@ -49,13 +58,16 @@ class CommandArbiter:
             if self._lockstep
             else self._is_newest(stamp, sender)
         )
-        self.header, verdict = judge_command(before, sender, is_due)
+        header, verdict = judge_command(before, sender, is_due)
+        if verdict is Verdict.ACTS and not self._lockstep and self._is_old(stamp):
+            verdict = Verdict.OLD
         if verdict is not Verdict.ACTS:
             self.counts[verdict.name.lower()] += 1
             # a foreign controller with wrong stamps would be stale for ever
             if verdict is Verdict.STALE and sender.author == before.controller != FOREIGN:
                 self.silence.hear()
             return verdict
+        self.header = header
         self.counts['accepted'] += 1
         self.effort, self.awaiting = effort, False
         self.silence.hear()
@@ -75,6 +87,14 @@ class CommandArbiter:
         if sender.author == FOREIGN:
             return not known or stamp >= self._newest
         return stamp <= self._stamp and not (known and stamp <= self._newest)
+
+    def _is_old(self, stamp: Stamp) -> bool:
+        """Return whether a command is too old; if not, record since when it acts."""
+        present, made = to_ns(*self._stamp), to_ns(*stamp)
+        found = self.age.judge(made, present) if made else Age.UNKNOWN
+        if found is not Age.OLD:
+            self._acts_since = min(made, present) if found is Age.FRESH else present
+        return found is Age.OLD
 
     @property
     def patience(self) -> float:

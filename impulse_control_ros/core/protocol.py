@@ -146,6 +146,7 @@ class Verdict(Enum):
     STALE = auto()  # not the expected stamp
     IGNORED = auto()  # another controller is active
     OTHER_RUN = auto()
+    OLD = auto()  # without lockstep: older than max_age
 
 
 def judge_command(

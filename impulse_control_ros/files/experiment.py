@@ -19,6 +19,7 @@ from impulse_control_ros.files.mcap_writer import COMPRESSIONS
 # stamps have 32 bits of seconds, with a sign
 LAST_SECOND = float(2**31 - 1)
 SLOWEST = 1e-3  # Hz
+LONGEST_AGE = 3600.0  # s
 
 
 def cpu_core_parameter() -> Any:
@@ -59,6 +60,13 @@ class PlantParameters(Plant):
         'wall time without a command after which another controller may take over',
         lower=0.01,
         upper=3600.0,
+    )
+    max_age: float = parameter(
+        0.0,
+        's',
+        'simulated time that a command acts, from its stamp on, with lockstep false; 0 for no end',
+        lower=0.0,
+        upper=LONGEST_AGE,
     )
     recorder_timeout: float = parameter(
         10.0,
@@ -145,6 +153,14 @@ class ControllerParameters(ControlGains):
         '0 N; 0 for never',
         lower=0.0,
         upper=3600.0,
+    )
+    max_age: float = parameter(
+        0.0,
+        's',
+        'age above which a state of a foreign plant counts as lost, by its stamp and the '
+        "node's clock; 0 for no limit",
+        lower=0.0,
+        upper=LONGEST_AGE,
     )
     lifecycle: bool = parameter(
         False,

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from impulse_control_ros.command_line import StopRequest
+from impulse_control_ros.core.age import Age, AgeLimit
 from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
@@ -59,6 +60,7 @@ class Controller(ManagedNode):
         step_ns = nanoseconds(self.parameters.time_step, 'time_step')
         self.states = StateArbiter(self.id, step_ns, monotonic())
         self.rate, self.timeout = StateRate(step_ns), StateTimeout()
+        self.age = AgeLimit(self.parameters.max_age)
         self.create_subscription(Float64, SETPOINT, self._on_setpoint, SLOW_QOS)
         if not composed:
             self.create_subscription(
@@ -115,6 +117,8 @@ class Controller(ManagedNode):
             return False  # republished until the plant's parameters have arrived
         if not header.run and not stamp:
             raise UnreadableError('no stamp')
+        if not header.run and self._is_too_old(stamp):
+            return False
         before, last = self.states.run, self.states.stamp
         lockstep = not self.plants.is_free_running(header.run)
         reply = self.states.judge(header, stamp, lockstep)
@@ -137,6 +141,15 @@ class Controller(ManagedNode):
         elif reply is not Reply.ANSWER:
             self._pass_over(reply, header)
         return reply in (Reply.ANSWER, Reply.ANSWER_AFRESH)
+
+    def _is_too_old(self, stamp: int) -> bool:
+        """Return whether a state of a foreign plant counts as lost."""
+        if not self.age.limit:
+            return False
+        is_old = self.age.judge(stamp, self.get_clock().now().nanoseconds) is Age.OLD
+        if is_old:
+            self._report.too_old(self.age)
+        return is_old
 
     def _adopt(self, run: str) -> bool:
         """Answer a plant from now on; end the node if the parameters disagree."""
@@ -188,6 +201,7 @@ class Controller(ManagedNode):
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Use the new gains from the next sample on."""
         self._law.change(self.parameters)
+        self.age = AgeLimit(self.parameters.max_age)
         if self._untold != {} and self.states.run is not None:
             self._untold = {**(self._untold or {}), **changed}
         self.plants.advise(self.states.run, self.parameters)

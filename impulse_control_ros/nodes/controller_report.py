@@ -4,9 +4,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.protocol import name_of, StateHeader
 from impulse_control_ros.errors import UnreadableError
-from impulse_control_ros.files.topics import JOINT_COMMANDS
+from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 
@@ -19,7 +20,7 @@ class ControllerReport:
 
     def __init__(self, controller: Any) -> None:
         self.counts = dict.fromkeys(
-            ('repeated', 'standby', 'other_run', 'ignored', 'rejected', 'withheld'), 0
+            ('repeated', 'standby', 'other_run', 'ignored', 'old', 'rejected', 'withheld'), 0
         )
         self._ignored: set[str] = set()  # the runs of other plants
         self._controller, self._logger = controller, controller.get_logger()
@@ -33,6 +34,14 @@ class ControllerReport:
         else:
             self.counts['rejected'] += 1
             self._logger.error(f'state rejected: {error}', throttle_duration_sec=5.0)
+
+    def too_old(self, age: AgeLimit) -> None:
+        """Count and log a state that is too old."""
+        self.counts['old'] += 1
+        self._logger.warning(
+            f'state ignored: {age.age:.3g} s old, max_age = {age.limit:g} s',
+            throttle_duration_sec=5.0,
+        )
 
     def ignore(self, header: StateHeader) -> None:
         """Log that another plant is ignored."""
@@ -61,6 +70,8 @@ class ControllerReport:
         wrong = controller.rate.wrong(states.stamp, answers.sent)
         if wrong:
             self._logger.error(wrong, throttle_duration_sec=20.0)
+        if controller.age.clock_error:
+            self._logger.warning(f'{JOINT_STATES} {controller.age.clock_error}', once=True)
         if states.run == '' and controller.count_publishers(JOINT_COMMANDS) > 1:
             self._logger.warning(
                 f'several controllers publish {JOINT_COMMANDS}, and a foreign plant applies all '

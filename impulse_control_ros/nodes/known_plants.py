@@ -59,6 +59,9 @@ class KnownPlants:
         """Log the findings on ``gains`` for the plant of a run, each once."""
         values: Mapping[str, Any] = self._values.get(run or '', {})
         before, self._said = self._said, check_gains(gains, axis_of(values))
+        if values and gains.max_age:
+            text = f'max_age has no effect on the states of {values[NAME]}: set it there'
+            self._said.append(Finding(level=Level.NOTE, text=text))
         for finding in self._said:
             if finding in before:
                 continue

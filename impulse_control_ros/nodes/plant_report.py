@@ -5,8 +5,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.protocol import FOREIGN
 from impulse_control_ros.errors import UnreadableError
+from impulse_control_ros.files.topics import JOINT_COMMANDS
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 FIRST_REPORT, REPORT = 2.0, 20.0  # s
@@ -47,6 +49,13 @@ class PlantReport:
             logger.info(f'ignoring commands: {error}', once=True)
         else:
             logger.error(f'command rejected: {error}', throttle_duration_sec=5.0)
+
+    def too_old(self, age: AgeLimit) -> None:
+        """Log a command that is too old."""
+        self._plant.get_logger().warning(
+            f'command ignored: {age.age:.3g} s old, max_age = {age.limit:g} s',
+            throttle_duration_sec=5.0,
+        )
 
     def summarize(self, what: str) -> None:
         """Log a summary of the run."""
@@ -123,6 +132,11 @@ class PlantReport:
                     free and rate > 0 and self._accepted_before == accepted,
                     f'no command for 1 s at {plant.clock.seconds()} s: '
                     f'holding {plant.arbiter.effort:g} N',
+                ),
+                (
+                    'clock',
+                    bool(plant.arbiter.age.clock_error),
+                    f'{JOINT_COMMANDS} {plant.arbiter.age.clock_error}',
                 ),
                 (
                     'slow',

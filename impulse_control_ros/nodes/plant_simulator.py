@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from impulse_control_ros.command_line import StopRequest
+from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.plant import DIVERGED
 from impulse_control_ros.core.protocol import (
@@ -82,9 +83,12 @@ class PlantSimulator(ParameterNode):
         parameters = self.parameters
         self.axis.change(parameters)
         self.outputs.change(parameters)
+        self.arbiter.age = AgeLimit(parameters.max_age)
         self._last_tick = parameters.last_tick
         self.pacer.wall_step = parameters.wall_step
         self.pacer.restart(self.clock.tick, monotonic())
+        if parameters.max_age and parameters.lockstep:
+            self.get_logger().info('max_age has no effect in lockstep', once=True)
         if self._announced:
             self._tell_parameters(changed)
 
@@ -146,6 +150,8 @@ class PlantSimulator(ParameterNode):
             return
         before = self.arbiter.header.controller
         verdict = self.arbiter.take(sender, (sec, nanosec), effort, monotonic())
+        if verdict is Verdict.OLD:
+            self._report.too_old(self.arbiter.age)
         if verdict is not Verdict.ACTS:
             return
         if sender.author != before:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from impulse_control_ros.core.age import Age, AgeLimit
 from impulse_control_ros.core.command_arbiter import CommandArbiter
 from impulse_control_ros.core.protocol import (
     CommandHeader,
@@ -14,7 +15,7 @@ from impulse_control_ros.core.protocol import (
 from impulse_control_ros.core.recorder_flow_control import RecorderFlowControl
 from impulse_control_ros.core.silence import LONGEST_LOOK, Silence
 from impulse_control_ros.core.state_arbiter import StateArbiter
-from impulse_control_ros.core.tick import SampleClock
+from impulse_control_ros.core.tick import SampleClock, SECOND
 
 RUN, OTHER_RUN, OURS = '0123abcd', '89abcdef', '/controller#ab12'
 
@@ -90,3 +91,80 @@ def test_recorders_are_kept_when_the_plant_was_stopped_and_dropped_when_they_are
     assert recorders.drop_silent(60.0, 10.0) == []
     dropped = [name for k in range(201) for name in recorders.drop_silent(60.0 + k / 20, 10.0)]
     assert dropped == ['/recorder#0000']
+
+
+# -- age ------------------------------------------------------------------------------------
+
+LIMIT, HOUR = 2.0, 3600 * SECOND
+
+
+@pytest.mark.parametrize(
+    ('age', 'limit', 'found'),
+    [
+        (0, LIMIT, Age.FRESH),
+        (2 * SECOND, LIMIT, Age.FRESH),
+        (2 * SECOND + 1, LIMIT, Age.OLD),
+        (24 * HOUR, LIMIT, Age.OLD),
+        (24 * HOUR + 1, LIMIT, Age.UNKNOWN),
+        (-2 * SECOND, LIMIT, Age.FRESH),
+        (-2 * SECOND - 1, LIMIT, Age.UNKNOWN),
+        (HOUR, 0.0, Age.FRESH),
+    ],
+)
+def test_a_stamp_far_from_the_clock_tells_no_age(age, limit, found):
+    judge = AgeLimit(limit)
+    assert judge.judge(100 * HOUR - age, 100 * HOUR) is found
+    assert bool(judge.clock_error) == (found is Age.UNKNOWN)
+
+
+def free_plant(second=100):
+    """Return the arbiter of a free-running plant at this second, with a limit of 2 s."""
+    arbiter = CommandArbiter(RUN, False, 0.0)
+    arbiter.age = AgeLimit(LIMIT)
+    arbiter.expect((second, 0), 0.0)
+    return arbiter
+
+
+OWN = CommandHeader(RUN, 0, OURS)
+
+
+def test_an_old_command_is_no_command():
+    arbiter = free_plant()
+    assert arbiter.take(OWN, (97, 999_999_999), 1.0, 0.0) is Verdict.OLD
+    assert (arbiter.effort, arbiter.header.controller, arbiter.counts['old']) == (0.0, '', 1)
+    assert arbiter.take(OWN, (98, 0), 2.0, 0.0) is Verdict.ACTS
+    arbiter.expect((101, 0), 0.0)
+    wait(arbiter.silence, 2.0)
+    assert arbiter.take(OWN, (98, 1), 3.0, 0.0) is Verdict.OLD
+    assert arbiter.header.controller == OURS
+    assert arbiter.drop_silent(1.0)  # it was not heard
+
+
+@pytest.mark.parametrize(
+    ('sender', 'stamp', 'last'),
+    [
+        (OWN, (99, 0), 101),
+        (OWN, (0, 0), 102),
+        (CommandHeader(), (0, 0), 102),
+        (CommandHeader(), (101, 0), 102),
+        (CommandHeader(), (1_700_000_000, 0), 102),
+        (CommandHeader(), (3, 0), 0),
+    ],
+)
+def test_a_command_acts_for_max_age_since_its_stamp_or_its_arrival(sender, stamp, last):
+    arbiter = free_plant()
+    assert (arbiter.take(sender, stamp, 1.0, 0.0) is Verdict.ACTS) == (last > 0)
+    for second in (101, 102, 103, 104):
+        arbiter.expect((second, 0), 0.0)
+        assert arbiter.effort == float(second <= last)
+    assert arbiter.take(OWN, (104, 0), 5.0, 0.0) is not Verdict.OLD
+
+
+def test_in_lockstep_no_command_is_old():
+    arbiter = CommandArbiter(RUN, True, 0.0)
+    arbiter.age = AgeLimit(1e-9)
+    for second in (1, 2):
+        arbiter.expect((second, 0), 0.0)
+        assert arbiter.take(OWN, (second, 0), 1.0, 0.0) is Verdict.ACTS
+    arbiter.expect((3, 0), 0.0)
+    assert arbiter.effort == 1.0
