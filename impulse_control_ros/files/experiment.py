@@ -64,7 +64,8 @@ class PlantParameters(Plant):
     max_age: float = parameter(
         0.0,
         's',
-        'simulated time that a command acts, from its stamp on, with lockstep false; 0 for no end',
+        'age above which a command no longer acts, by its stamp and the simulated time, with '
+        'lockstep false; 0 for no limit',
         lower=0.0,
         upper=LONGEST_AGE,
     )

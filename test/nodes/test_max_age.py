@@ -66,8 +66,7 @@ def test_a_plant_drops_commands_that_a_deep_queue_has_made_too_old(graph, client
     relay.queues = True
     assert client.set('plant_simulator', max_age=LIMIT).successful
     relay.until_applied(0.0, lambda: client.count_of('plant_simulator', 'old'))
-    relay.plant.says('command ignored: 10.')
-    relay.plant.says('max_age = 10 s')
+    relay.plant.says('s old, max_age = 10 s')
     relay.queues = False
     relay.until_applied(HELD)
     for process in (controller, relay.plant):
@@ -78,14 +77,13 @@ def test_a_controller_counts_states_as_lost_that_a_deep_queue_has_made_too_old(g
     relay = Relay(graph, client, is_foreign=True)
     bag = graph.folder / 'bag'
     recorder = graph.start('recorder', bag=bag)
-    client.reported('recorder')
     controller = graph.start(
         'controller', **GAINS, max_age=LIMIT, state_timeout=0.2, use_sim_time=True
     )
-    relay.until_applied(HELD)
+    relay.until_applied(HELD, lambda: client.count_of('recorder', 'written'))
     relay.queues = True
     relay.until_applied(0.0, lambda: client.count_of('controller', 'old'))
-    controller.says('state ignored: 10.')
+    controller.says('s old, max_age = 10 s')
     relay.queues = False
     relay.until_applied(HELD)
     assert client.count_of('controller', 'rejected') == 0
