@@ -125,7 +125,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
 
     from impulse_control_ros.files.recording import read_bag
     from impulse_control_ros.tools.bag_diff import difference, lines_of, same
-    from impulse_control_ros.tools.resimulate import closed_loop, open_loop
+    from impulse_control_ros.tools.resimulate import closed_loop, missing_memory, open_loop
 
     recording = read_bag(options.bag, **selection(options))
     overrides = overrides_of(options)
@@ -148,6 +148,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
     absent = int(np.count_nonzero(commands.new < recording.states['stamp'][-1]))
     # what a finished bag lacks without having said so
     identical = same(found) and absent <= int(recording.recording_summary.get('missing', absent))
+    memory = missing_memory(recording) if options.controller and not overrides else ''
     lacks = f' of the bag is the same, to the bit; {absent} commands are not in it'
     return [
         f'{options.bag}: {len(recording.states)} states, {rerun.changes} changes on the way',
@@ -157,7 +158,7 @@ def compared(options: argparse.Namespace) -> tuple[list[str], bool]:
             if any(change.values.get(name) != value for change in recording.controllers)
         ),
         *lines_of(found),
-        'it differs'
+        ': '.join(filter(None, ('it differs', memory)))
         if not identical
         else 'every message' + (lacks if absent else ' is the same, to the bit'),
     ], identical

@@ -128,6 +128,18 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Resimulatio
     return Resimulation(pairs=answers_beside(recording, states, answers), changes=len(pieces) - 1)
 
 
+def missing_memory(recording: Recording) -> str:
+    """Return what tells that the controller began before the first command; '' otherwise."""
+    began = next((change.stamp for change in recording.controllers), 0)  # 0: before the bag
+    first = int(recording.commands['stamp'][0])
+    if not 0 < began < first:
+        return ''
+    return (
+        f'the recording begins {seconds(first - began)} s after the controller, '
+        'whose memory at that time is unknown'
+    )
+
+
 def answered_states(
     recording: Recording,
     overrides: Mapping[str, Any],
