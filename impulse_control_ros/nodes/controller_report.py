@@ -103,6 +103,8 @@ class ControllerReport:
                 'impulses': answers.impulses,
                 **counts,
                 'lost': controller.rate.lost(states.stamp, answers.sent),
+                'command_subscriptions': answers.commands.publisher.get_subscription_count(),
+                'event_subscriptions': answers.events.publisher.get_subscription_count(),
                 'x_r': controller.parameters.x_r,
             },
         )

@@ -30,7 +30,7 @@ from impulse_control_ros.files.bag import BagWriter, require_writable
 from impulse_control_ros.files.cdr import encode_header
 from impulse_control_ros.files.experiment import RecorderParameters
 from impulse_control_ros.files.run_recording import RunRecording
-from impulse_control_ros.files.sample_joiner import PARAMETERS, RecordedPlant
+from impulse_control_ros.files.sample_joiner import PARAMETERS, RecordedPlant, STATES
 from impulse_control_ros.files.topics import RECORDER_PROGRESS
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 from impulse_control_ros.nodes.known_plants import decoded
@@ -188,10 +188,12 @@ class Recorder(ParameterNode):
         recording = self._recording
         counts = recording.joiner.counts if recording else {}
         bag = recording.bag if recording else None
+        early = sum(channel == STATES for channel, *_ in self._early)
         return (
             DiagnosticStatus.ERROR if counts.get('missing') else DiagnosticStatus.OK,
             (f'recording {bag.folder}' if bag else 'waiting for plant and controller'),
             {
+                'received': recording.joiner.heard if recording else early,
                 'written': bag.count if bag else 0,
                 'lost': counts.get('missing', 0),
                 'repeated': counts.get('repeated', 0),
