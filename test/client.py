@@ -136,6 +136,15 @@ class Client:
         finally:
             print(node, self.reports(node))
 
+    def recorded(self, commands: int, events: int = 1, controller: str = 'controller') -> None:
+        """
+        Serve until a recorder misses no command and event that the controller sends from now on.
+
+        ``commands`` and ``events`` are the subscriptions, the recorder's among them, that the
+        controller is to have matched: what others have discovered proves nothing of it.
+        """
+        self.reported(controller, command_subscriptions=commands, event_subscriptions=events)
+
     def count_of(self, node: str, name: str) -> int:
         """Return a count that a node reports; 0 before its first report."""
         return int(self.reports(node).get(name, 0))

@@ -187,14 +187,17 @@ def test_a_free_plant_that_is_paused_gets_zero_and_a_plant_in_lockstep_does_not(
 def test_a_recorded_run_of_a_free_plant_replays_from_its_states_whatever_the_load(graph, client):
     bag = graph.folder / 'bag'
     plant = graph.start('plant_simulator', **FREE, wait_for_recorder=True)
-    controller = graph.start('controller', **COARSE, position_deadband=0.005)
+    controller = graph.start('controller', **COARSE, position_deadband=0.005, lifecycle=True)
     recorder = graph.start('recorder', bag=bag)
+    states = client.listen('/joint_states', JointState)
+    client.recorded(commands=2)  # the plant and the recorder
+    client.activate()
     with busy_loops(2):
-        states = client.listen('/joint_states', JointState)
         client.spin_until(lambda: len(states) > 100 and controller_of(states[-1]), 'states')
         for process in (plant, recorder, controller):
             assert process.interrupt() == 0, process.output
     run = read_bag(bag)
     assert np.array_equal(np.diff(run.states['stamp']), np.full(len(run.states) - 1, 10**6))
     assert len(run.commands) > 10
+    assert run.lacks == []
     assert_replays(bag, '--controller')
