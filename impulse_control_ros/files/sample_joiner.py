@@ -114,9 +114,13 @@ class SampleJoiner:
         return bool(self._done or (self._states and self._answers[COMMANDS].begun))
 
     @property
-    def in_flight(self) -> bool:
-        """Whether samples before the newest one are incomplete."""
-        return self.newest > self.reached + self.plant.step_ns
+    def newest_command(self) -> int:
+        """The stamp [ns] of the newest command that waits for its state; 0 if none does."""
+        return max(self._answers[COMMANDS].waiting, default=0)
+
+    def in_flight(self, command: int) -> bool:
+        """Whether samples before the newest state, or a ``command`` [ns], are incomplete."""
+        return max(self.newest, command) > self.reached + self.plant.step_ns
 
     @property
     def is_blocked(self) -> bool:

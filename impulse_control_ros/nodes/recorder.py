@@ -205,9 +205,12 @@ class Recorder(ParameterNode):
         """Finish the bag with everything sent so far."""
         until = monotonic() + FLIGHT
         self._batch_at = 0.0
+        self.poll()
+        # a plant that goes on sends more: only what has been answered by now is waited for
+        command = self._recording.joiner.newest_command if self._recording else 0
         while self._recording and monotonic() < until:
             self.poll()
-            if not (self._recording and self._recording.joiner.in_flight):
+            if not (self._recording and self._recording.joiner.in_flight(command)):
                 break
             sleep(BATCH_PERIOD)
         self._finish()

@@ -283,6 +283,21 @@ def test_a_foreign_controller_with_stamps_of_its_own_holds_nothing():
     assert joiner.counts == {'states': 5, 'missing': 0, 'repeated': 0, 'foreign': 0}
 
 
+def test_states_that_are_late_are_in_flight_while_their_commands_wait():
+    states = [state(k, '', run='') for k in range(5)]
+    joiner = SampleJoiner(FOREIGN_PLANT)
+    for k in range(5):
+        joiner.add(COMMANDS, command(k, run=''), k)
+    joiner.add(STATES, states[0], 9)
+    joiner.take()
+    newest = joiner.newest_command
+    assert joiner.in_flight(newest)
+    for raw in states[1:]:
+        joiner.add(STATES, raw, 9)
+    joiner.take()
+    assert not joiner.in_flight(newest)
+
+
 def test_a_command_without_a_stamp_has_the_place_of_the_last_one_that_has_one():
     zero = command(0, at=(0, 0), effort=0.0)
     entries, _ = joined(
