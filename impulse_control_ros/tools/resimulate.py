@@ -129,9 +129,10 @@ def open_loop(recording: Recording, overrides: Mapping[str, Any]) -> Resimulatio
 
 
 def missing_memory(recording: Recording) -> str:
-    """Return what tells that the controller began before the first command; '' otherwise."""
+    """Return that the controller began before the first answered state, or '' if it did not."""
     began = next((change.stamp for change in recording.controllers), 0)  # 0: before the bag
-    first = int(recording.commands['stamp'][0])
+    stamps = recording.states['stamp']
+    first = int(stamps[np.isin(stamps, recording.commands['stamp'])][0])
     if not 0 < began < first:
         return ''
     return (
