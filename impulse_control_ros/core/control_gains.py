@@ -57,6 +57,12 @@ class LawOptions(NamedTuple):
     inverse_m: float
     integral_gain: float
     estimates: float
+    supervision: float
+    learn_mass: float
+    least_mass: float
+    most_mass: float
+    response_timeout: float
+    damping: float
 
 
 LAW = record([(name, 'f8') for name in (*Gains._fields, *LawOptions._fields)])
@@ -68,6 +74,7 @@ OFF: Mapping[str, Any] = {
     'stiction_wait_samples': 1,
     'K_i': 0.0,
     'velocity_source': 'measured',
+    'supervision': False,
 }
 
 
@@ -143,6 +150,9 @@ class ControlGains(Parameters):
         'that is estimated from the positions',
         choices=('measured', 'estimated'),
     )
+    supervision: bool = parameter(True, '', 'whether impulses are supervised')
+    learn_mass: bool = parameter(True, '', 'mass learnt')
+    response_timeout: int = parameter(1000, 'samples', 'in flight at most', lower=1)
     velocity_bandwidth: float = parameter(
         50.0,
         'Hz',
@@ -196,6 +206,8 @@ def packed_law(values: Mapping[str, Any], runs: int) -> np.ndarray:
         'inverse_m': 1.0 / np.asarray(values['m']),
         'integral_gain': np.asarray(values['K_i']) * values['time_step'],
         'estimates': np.asarray(values['velocity_source']) == 'estimated',
+        'least_mass': 0.2, 'most_mass': 5.0,
+        'damping': 0.5 * np.asarray(values['d_bar']),
     }
     law = np.zeros(runs, LAW)
     for name in LAW.names or ():

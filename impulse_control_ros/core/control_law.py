@@ -60,6 +60,20 @@ import numpy as np
 
 from impulse_control_ros.core.control_gains import Gains, LawOptions
 from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
+from impulse_control_ros.core.supervision import (
+    Flight,
+    Learnt,
+    mass_scale,
+    may_fire,
+    NEW,
+    NO_VERDICT,
+    observed,
+    sent,
+    Supervision,
+    supervision_at,
+    Suspension,
+)
+from impulse_control_ros.core.velocity_noise import Noise, Signal
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
@@ -91,20 +105,43 @@ class LawState(NamedTuple):
     disarmed: float
     rest_samples: float
     integral: float
+    supervision: Supervision
 
 
 class Command(NamedTuple):
-    """Effort [N], area [N s] and guard of the impulse, and the velocity [m/s] that was used."""
+    """
+    Effort [N], area [N s] and guard of the impulse, and the velocity [m/s] that was used.
+
+    ``verdict`` is that of the supervision on an earlier impulse, ``ratio`` its jump over the
+    expected one.
+    """
 
     effort: float
     area: float
     guard: int
     velocity: float
+    verdict: int
+    ratio: float
 
 
-FRESH = LawState(*[0.0] * len(LawState._fields))
-COMMAND = record([('effort', 'f8'), ('area', 'f8'), ('guard', 'i8'), ('velocity', 'f8')])
-STATES, GAINS, OPTIONS = len(LawState._fields), len(Gains._fields), len(LawOptions._fields)
+FRESH = LawState(*[0.0] * (len(LawState._fields) - 1), NEW)
+COMMAND = record(
+    [
+        ('effort', 'f8'),
+        ('area', 'f8'),
+        ('guard', 'i8'),
+        ('velocity', 'f8'),
+        ('verdict', 'i8'),
+        ('ratio', 'f8'),
+    ]
+)
+GAINS, OPTIONS = len(Gains._fields), len(LawOptions._fields)
+# places in the flat memory
+PLAIN, COUNTERS, SIGNAL = len(LawState._fields) - 1, len(Noise._fields) - 2, len(Signal._fields)
+FLIGHT = PLAIN + COUNTERS + 2 * SIGNAL
+LEARNT = FLIGHT + len(Flight._fields)
+LAST = LEARNT + len(Learnt._fields)
+STATES = LAST + len(Suspension._fields)
 
 
 @compiled
@@ -116,25 +153,34 @@ def control_step(state, gains, options, position, velocity):
     select values, so a batch computes many runs at once.
     """
     velocity = velocity_of(state, gains, options, position, velocity)
-    error, ahead = position - gains.x_r, looked_at(options, position, velocity)
-    direction = direction_of(state.direction, gains, options, velocity)
+    error = position - gains.x_r
+    supervision, finding, free = supervised(state, gains, options, position, error, velocity)
+    gains = learnt_gains(gains, options, supervision)
+    guarded, fired, ahead = looked_at(gains, options, supervision, position, velocity)
+    direction = direction_of(state.direction, gains, options, guarded)
     rest_samples = state.rest_samples + 1.0 if direction == 0.0 else 0.0
     guard = guard_met(state, gains, error, ahead - gains.x_r, direction)
     guard = armed(guard, state, options, direction, rest_samples)
-    guard = guard if (state.hold == 0.0) & (gains.impulses != 0.0) else NO_IMPULSE
-    area = impulse_area(guard, gains, error, velocity)
-    owed = due(state.pending, area, error, velocity)
+    guard = guard if (state.hold == 0.0) & (gains.impulses != 0.0) & free else NO_IMPULSE
+    area = impulse_area(guard, gains, error, fired)
+    owed = due(state.pending, area, error, guarded)
     owed = owed if gains.impulses != 0.0 else 0.0
 
     feedback, integral = feedback_of(gains, options, state.integral, error, velocity)
     effort, pending = saturated(gains, feedback, owed)
-    command, left = Command(effort, area, guard, velocity), owed - pending
+    left = owed - pending
+    command = Command(effort, area, guard, velocity, finding[0], finding[1])
+    guard_position, side = ahead, sign(ahead - gains.x_r)
+    if options is not None and options.supervision != 0.0:
+        if supervision.flight.age > 0.0:  # the guard looks again when it may fire again
+            guard_position, side = state.guard_position, state.side
+        supervision = sent(supervision, options, direction, state.direction, owed, left, error)
     if options is None:  # unused then; clearing them makes the loop a sixth faster
         position = velocity = left = rest_samples = 0.0
     after = LawState(
         started=1.0,
-        guard_position=ahead,
-        side=sign(ahead - gains.x_r),
+        guard_position=guard_position,
+        side=side,
         direction=direction,
         x_r=gains.x_r,
         pending=pending,
@@ -146,8 +192,60 @@ def control_step(state, gains, options, position, velocity):
         disarmed=is_disarmed(state, options, guard, ahead - gains.x_r),
         rest_samples=0.0 if owed != 0.0 else rest_samples,
         integral=integral,
+        supervision=supervision,
     )
     return command, after
+
+
+@compiled
+def supervised(state, gains, options, position, error, velocity):
+    """Return the `Supervision` at a sample, (verdict, ratio), and whether an impulse may start."""
+    before = state.supervision
+    if options is None or options.supervision == 0.0:
+        return before, (NO_VERDICT, 0.0), True
+    if state.started == 0.0:
+        return supervision_at(options, error, velocity), (NO_VERDICT, 0.0), True
+    after, finding = observed(before, state, gains, options, position, error, velocity)
+    return after, (finding.verdict, finding.ratio), may_fire(after)
+
+
+@compiled
+def learnt_gains(gains, options, supervision):
+    """
+    Return the gains for the learnt mass and noise.
+
+    Behind a delay the impulse at a position zero has the least alpha that (19) allows, which stops
+    the axis: a second one would come too late.
+    """
+    if options is None or options.supervision == 0.0:
+        return gains
+    learnt, noise = supervision.learnt, supervision.noise
+    scale = mass_scale(learnt, options)
+    position_gain = gains.position_gain
+    if learnt.delay > 1.0 and learnt.jumps > 0.0:
+        position_gain = 1.0 / options.inverse_m
+    if supervision.flight.by_difference == 0.0:
+        sd = noise.velocity.sd
+    elif options.estimates != 0.0:
+        sd = (1.0 - options.pole) * noise.difference.sd
+    else:
+        sd = noise.difference.sd
+    return Gains(
+        K=gains.K,
+        D=gains.D,
+        position_gain=position_gain * scale,
+        velocity_gain=gains.velocity_gain * np.sqrt(max(scale, 1.0)),
+        x_r=gains.x_r,
+        impulses=gains.impulses,
+        effort_limit=gains.effort_limit,
+        position_deadband=max(
+            gains.position_deadband, 3.0 * noise.difference.sd * gains.time_step
+        ),
+        velocity_deadband=max(gains.velocity_deadband, 5.0 * sd),
+        hold_off=gains.hold_off,
+        time_step=gains.time_step,
+        sample_rate=gains.sample_rate,
+    )
 
 
 @compiled
@@ -221,17 +319,41 @@ def velocity_of(state, gains, options, position, velocity):
     if state.started == 0.0:
         return 0.0
     difference = (position - state.position) * gains.sample_rate
-    moving = state.velocity + state.last_impulse * options.inverse_m
+    inverse_m = options.inverse_m
+    if options.supervision != 0.0 and state.started != 0.0:
+        inverse_m /= mass_scale(state.supervision.learnt, options)
+    moving = state.velocity + state.last_impulse * inverse_m
     estimate = options.pole * moving + (1.0 - options.pole) * difference
     return estimate if abs(estimate) > STILL else 0.0
 
 
 @compiled
-def looked_at(options, position, velocity):
-    """Return the position [m] that the position guard evaluates."""
+def looked_at(gains, options, supervision, position, velocity):
+    """
+    Return the velocity for the guards, that of a position-zero impulse, and its position [m].
+
+    The last two are predicted for the instant at which an impulse acts.
+    """
     if options is None:
-        return position
-    return position + options.lookahead_time * velocity
+        return velocity, velocity, position
+    if options.supervision == 0.0:
+        return velocity, velocity, position + options.lookahead_time * velocity
+    flight, learnt, noise = supervision.flight, supervision.learnt, supervision.noise
+    if flight.by_difference != 0.0 and options.estimates == 0.0:
+        velocity = noise.difference.value
+    if learnt.delay == 0.0:
+        return velocity, velocity, position + options.lookahead_time * velocity
+    delay = learnt.delay * gains.time_step
+    decay = options.damping * delay * options.inverse_m / mass_scale(learnt, options)
+    ahead = position + velocity * (options.lookahead_time + delay / (1.0 + 0.5 * decay))
+    guarded = velocity
+    if flight.age == 0.0:
+        signal = noise.difference if flight.by_difference != 0.0 else noise.velocity
+        change = flight.trend / flight.size * learnt.delay
+        blur = 3.0 * signal.sd * learnt.delay / flight.size
+        if blur < abs(velocity) and (velocity + change) * velocity < 0.0:
+            guarded = 0.0  # the axis stands when the impulse acts
+    return guarded, velocity / (1.0 + decay), ahead
 
 
 @compiled
@@ -240,7 +362,8 @@ def direction_of(before, gains, options, velocity):
     if options is None:
         return 0.0 if abs(velocity) <= gains.velocity_deadband else sign(velocity)
     way, speed = sign(velocity), abs(velocity)
-    moves = speed > options.release_velocity or (speed > gains.velocity_deadband and way == before)
+    release = max(options.release_velocity, gains.velocity_deadband)
+    moves = speed > release or (speed > gains.velocity_deadband and way == before)
     return way if moves else 0.0
 
 
@@ -280,6 +403,46 @@ def feedback_of(gains, options, integral, error, velocity):
 
 
 @compiled
+def state_of(values):
+    """Return the `LawState` that a float array of shape (STATES,) holds."""
+    noise, flight, learnt, suspension = values[PLAIN:], values[FLIGHT:], values[LEARNT:], values[LAST:]
+    return LawState(
+        *to_fixed_tuple(values, PLAIN),
+        Supervision(
+            Noise(
+                *to_fixed_tuple(noise, COUNTERS),
+                Signal(*to_fixed_tuple(noise[COUNTERS:], SIGNAL)),
+                Signal(*to_fixed_tuple(noise[COUNTERS + SIGNAL :], SIGNAL)),
+            ),
+            Flight(*to_fixed_tuple(flight, LEARNT - FLIGHT)),
+            Learnt(*to_fixed_tuple(learnt, LAST - LEARNT)),
+            Suspension(*to_fixed_tuple(suspension, STATES - LAST)),
+        ),
+    )
+
+
+@compiled
+def copy_to(values, first, fields):
+    """Write a tuple of floats to ``values`` from ``first`` on."""
+    for i in range(len(fields)):
+        values[first + i] = fields[i]
+
+
+@compiled
+def store(values, state):
+    """Write a `LawState` to a float array of shape (STATES,)."""
+    supervision = state.supervision
+    noise = supervision.noise
+    copy_to(values, 0, state[:PLAIN])
+    copy_to(values, PLAIN, noise[:COUNTERS])
+    copy_to(values, PLAIN + COUNTERS, noise.velocity)
+    copy_to(values, PLAIN + COUNTERS + SIGNAL, noise.difference)
+    copy_to(values, FLIGHT, supervision.flight)
+    copy_to(values, LEARNT, supervision.learnt)
+    copy_to(values, LAST, supervision.suspension)
+
+
+@compiled
 def gains_of(law):
     """Return the `Gains` of a LAW record, given as a float array."""
     return Gains(*to_fixed_tuple(law, GAINS))
@@ -299,12 +462,11 @@ def control_in_place(state, law, position, velocity, command):
     ``state`` and ``law`` hold the values of a `LawState` and a LAW record; ``command`` has shape
     (1,), dtype COMMAND.
     """
-    before = LawState(*to_fixed_tuple(state, STATES))
-    answer, after = control_step(before, gains_of(law), options_of(law), position, velocity)
-    for i in range(STATES):
-        state[i] = after[i]
-    now = command[0]
-    now.effort, now.area, now.guard, now.velocity = answer
+    answer, after = control_step(
+        state_of(state), gains_of(law), options_of(law), position, velocity
+    )
+    store(state, after)
+    put(command[0], answer)
 
 
 @compiled
@@ -312,6 +474,12 @@ def answer_samples(state, gains, options, position, velocity, commands):
     """Fill ``commands`` with the answers to n samples, shape (n,); return the last `LawState`."""
     for k in range(len(position)):
         answer, state = control_step(state, gains, options, position[k], velocity[k])
-        now = commands[k]
-        now.effort, now.area, now.guard, now.velocity = answer
+        put(commands[k], answer)
     return state
+
+
+@compiled
+def put(record, command):
+    """Write a `Command` to a record of dtype COMMAND."""
+    record.effort, record.area, record.guard, record.velocity = command[:4]
+    record.verdict, record.ratio = command.verdict, command.ratio
