@@ -254,15 +254,15 @@ def watched(
             proven = sure or (
                 seen >= 3.0 and moved > 0.5 * rise * (seen - 1.0) * size * gains.time_step
             )
-            if rise < 0.5 * least or (not sure and way * (mean - before) < 0.5 * first):
+            grows = min(change, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
+            falls = not sure and way * (mean - before) < 0.5 * first
+            if falls or (rise < 0.5 * least and not grows):
                 seen, pause = 0.0, -1.0
                 if learnt.jumps == 0.0:
                     delay = 0.0
             elif age > options.response_timeout:
                 age = 0.0
-            elif min(change, surplus) < max(0.1 * risen, 5.0 * sd) and (
-                state.pending == 0.0 and proven
-            ):
+            elif proven and not grows:
                 ratio = rise / most
                 fits = ratio < HIGH and (ratio > LOW or f.at_rest != 0.0)
                 verdict, pause = (CONFIRMED if fits else OUT_OF_BAND), 3.0
