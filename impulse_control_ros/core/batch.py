@@ -62,6 +62,7 @@ from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import DIVERGED, long_step, Plant, short_step
 from impulse_control_ros.core.plant_step import PlantState
 from impulse_control_ros.core.simulate import steps_of
+from impulse_control_ros.core.supervision import SUPERVISION
 from impulse_control_ros.core.varied import columns, packed_rows, Rows
 
 LANES = 32  # four vectors of eight: enough to hide latency, few enough for the L1 cache
@@ -71,7 +72,7 @@ SAMPLES = 256  # of a run with hardware, between updates of its figures
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
 SUMS, X_R = len(Sums._fields), Gains._fields.index('x_r')
 KEPT = LawState._fields.index('hold') + 1  # fields that a law without options uses
-UNUSED = (0.0,) * (len(FRESH) - KEPT)
+UNUSED = FRESH[KEPT:]
 NOW = (
     'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
     'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',
@@ -153,13 +154,14 @@ def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:
         sums, last, bounded = np.zeros((SUMS, runs)), np.zeros(runs), np.zeros(runs)
         outside = np.full((runs, len(tolerances)), -1.0)
         law = rows.law.view(float).reshape(runs, -1)
-        scratch = empty_trace(min(SAMPLES, steps + 1), ideal=False), np.zeros(1, HARDWARE_STATE)
+        scratch = empty_trace(min(SAMPLES, steps + 1)), np.zeros(1, HARDWARE_STATE)
         run_rows(
             rows.plant,
             rows.hardware,
             law,
             rows.start,
             *scratch,
+            np.zeros(runs, SUPERVISION),
             steps,
             tolerances,
             outside,
@@ -209,7 +211,9 @@ def answer_lanes(block):
     for j in range(LANES):
         gains = Gains(*to_fixed_tuple(block.gains[:, j], GAINS))
         state = LawState(*(to_fixed_tuple(block.law_state[:, j], KEPT) + UNUSED))
-        command, after = control_step(state, gains, None, block.position[j], block.velocity[j])
+        command, after = control_step(
+            state, gains, None, None, block.position[j], block.velocity[j]
+        )
         block.effort[j], block.area[j] = command.effort, command.area
         block.guard[j] = command.guard
         for i in range(KEPT):
@@ -318,7 +322,19 @@ def run_blocks(blocks, steps, tolerances, outside):
 
 @compiled
 def run_rows(
-    plants, hardware, laws, starts, trace, memory, steps, tolerances, outside, sums, last, bounded
+    plants,
+    hardware,
+    laws,
+    starts,
+    trace,
+    memory,
+    law_memories,
+    steps,
+    tolerances,
+    outside,
+    sums,
+    last,
+    bounded,
 ):
     """
     Run n rows one after another.
@@ -332,6 +348,7 @@ def run_rows(
         state = PlantState(0, starts[i, 0], starts[i, 1], 0.0, 0.0, 0.0)
         begin(hardware[i], state, memory[0], 1.0 / plants[i].time_step)
         law_state, total, within = FRESH, NOTHING, True
+        law_memory = law_memories[i : i + 1]
         for tick in range(steps + 1):
             k = tick % samples
             if k == 0:
@@ -343,6 +360,7 @@ def run_rows(
                     gains_of(laws[i]),
                     options_of(laws[i]),
                     law_state,
+                    law_memory,
                     trace,
                     samples,
                 )

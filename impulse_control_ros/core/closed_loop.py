@@ -14,6 +14,7 @@ from impulse_control_ros.core.control_law import COMMAND, control_step, FRESH
 from impulse_control_ros.core.jit import compiled
 from impulse_control_ros.core.plant import DIVERGED, Plant
 from impulse_control_ros.core.plant_step import axis_of, memory_at, plant_step, start_of, STATE
+from impulse_control_ros.core.supervision import SUPERVISION
 from impulse_control_ros.core.tick import nanoseconds, seconds
 from impulse_control_ros.errors import DivergedError
 
@@ -27,8 +28,10 @@ class Trace(NamedTuple):
     ``position`` [m] and ``velocity`` [m/s] are the state of the axis; ``applied`` [N] and
     ``damping`` [N s/m] acted over the sample that led to it. The controller saw
     ``measured_position`` and ``measured_velocity`` (nan if not measured) and answered with
-    ``effort`` [N], ``area`` [N s], ``guard`` and ``used_velocity``. For an ideal plant and a law
-    without options, the measured and used signals share the arrays of the true ones.
+    ``effort`` [N], ``area`` [N s], ``guard``, ``used_velocity``, and the ``verdict`` of the
+    supervision with its ``ratio``. For an ideal plant, the measured signals share the arrays of
+    the true ones; so does the used velocity, for a law without options, which leaves the verdicts
+    at 0.
     """
 
     position: np.ndarray
@@ -41,19 +44,25 @@ class Trace(NamedTuple):
     area: np.ndarray
     guard: np.ndarray
     used_velocity: np.ndarray
+    verdict: np.ndarray
+    ratio: np.ndarray
 
 
 @compiled
-def close_loop(plant, hardware, state, memory, gains, options, law_state, trace, steps):
+def close_loop(
+    plant, hardware, state, memory, gains, options, law_state, law_memory, trace, steps
+):
     """
     Fill the n samples of ``trace`` from ``state`` on; return the next states of plant and law.
 
-    ``plant`` and, unless None, ``hardware`` are arrays of shape (1,), dtypes PLANT and HARDWARE.
+    ``plant`` and, unless None, ``hardware``, ``memory`` and ``law_memory`` are arrays of shape
+    (1,), dtypes PLANT, HARDWARE, HARDWARE_STATE and SUPERVISION.
     ``steps`` is n, or n - 1 to leave the plant at the last sample.
     """
     axis, profile = axis_of(plant[0]), plant[0].damping
     real: Any = None if hardware is None else hardware[0]
     inner: Any = None if hardware is None else memory[0]
+    watch: Any = None if options is None else law_memory[0]
     for k in range(len(trace.position)):
         trace.position[k], trace.velocity[k] = state.position, state.velocity
         trace.damping[k] = state.damping
@@ -63,47 +72,54 @@ def close_loop(plant, hardware, state, memory, gains, options, law_state, trace,
             position, velocity = inner.position, inner.velocity
             trace.applied[k] = state.effort
             trace.measured_position[k], trace.measured_velocity[k] = position, velocity
-        command, law_state = control_step(law_state, gains, options, position, velocity)
+        command, law_state = control_step(
+            law_state, gains, options, watch, position, velocity
+        )
         trace.effort[k], trace.area[k] = command.effort, command.area
         trace.guard[k] = command.guard
         if options is not None:
             trace.used_velocity[k] = command.velocity
+            trace.verdict[k], trace.ratio[k] = command.verdict, command.ratio
         if k < steps:
             state = plant_step(axis, profile, real, state, inner, command.effort)
     return state, law_state
 
 
-def empty_trace(count: int, ideal: bool) -> Trace:
-    """Return an empty trace; ``ideal`` is for an ideal plant and a law without options."""
+def empty_trace(count: int, ideal: bool = False, plain: bool = False) -> Trace:
+    """Return an empty trace for an ``ideal`` plant, and a law without options if ``plain``."""
     position, velocity, damping, effort, area = (np.empty(count) for _ in range(5))
-    guard = np.empty(count, np.int8)
-    if ideal:
-        applied, x, v, used = effort, position, velocity, velocity
-    else:
-        applied, x, v, used = (np.empty(count) for _ in range(4))
-    return Trace(position, velocity, applied, damping, x, v, effort, area, guard, used)
+    guard, verdict, ratio = np.empty(count, np.int8), np.zeros(count, np.int8), np.zeros(count)
+    applied, x, v = (
+        (effort, position, velocity) if ideal else (np.empty(count) for _ in range(3))
+    )
+    used = v if plain else np.empty(count)
+    return Trace(
+        position, velocity, applied, damping, x, v, effort, area, guard, used, verdict, ratio
+    )
 
 
 class ClosedLoop:
     """
     A plant and its controller, run sample by sample from the plant's start.
 
-    ``ideal`` compiles the loop without hardware and options, with the same results to the bit. The
-    plant must then stay ideal and the law without options.
+    ``ideal`` compiles the loop without hardware, ``plain`` without options, with the same results
+    to the bit. The plant must then stay ideal and the law without options.
     """
 
-    def __init__(self, plant: Plant, gains: ControlGains, ideal: bool = False) -> None:
-        self._ideal = ideal
+    def __init__(
+        self, plant: Plant, gains: ControlGains, ideal: bool = False, plain: bool = False
+    ) -> None:
+        self._ideal, self._plain = ideal, plain
         self._state = start_of(plant)
         self._memory = None if ideal else memory_at(self._state, plant)
-        self._law_state = FRESH
+        self.forget()
         self.change(plant, gains)
 
     def change(self, plant: Plant, gains: ControlGains) -> None:
         """Continue with other parameters."""
         self._plant, self._gains = plant.packed(), gains.values
         self._hardware = None if self._ideal else plant.packed_hardware()
-        self._options = None if self._ideal else gains.options
+        self._options = None if self._plain else gains.options
 
     def start(self, plant: Plant) -> None:
         """Reset ``plant`` to its start at the next sample; noise and time continue."""
@@ -113,6 +129,7 @@ class ClosedLoop:
     def forget(self) -> None:
         """Clear the memory of the controller."""
         self._law_state = FRESH
+        self._law_memory = None if self._plain else np.zeros(1, SUPERVISION)
 
     def fill(self, trace: Trace, step_on: bool = True) -> None:
         """Fill a trace with the next samples; without ``step_on`` the plant stays at the last."""
@@ -125,6 +142,7 @@ class ClosedLoop:
             self._gains,
             self._options,
             self._law_state,
+            self._law_memory,
             trace,
             steps,
         )
@@ -152,6 +170,7 @@ def commands_of(trace: Trace) -> np.ndarray:
     commands = np.empty(len(trace.position), COMMAND)
     commands['effort'], commands['area'] = trace.effort, trace.area
     commands['guard'], commands['velocity'] = trace.guard, trace.used_velocity
+    commands['verdict'], commands['ratio'] = trace.verdict, trace.ratio
     return commands
 
 
@@ -166,7 +185,7 @@ def blocks_of(
     """
     loop = ClosedLoop(plant, gains)
     for first in range(0, count, BLOCK):
-        trace = empty_trace(min(BLOCK, count - first), ideal=False)
+        trace = empty_trace(min(BLOCK, count - first))
         loop.fill(trace)
         end = first_diverged(trace)
         good = Trace(*(signal[:end] for signal in trace))

@@ -46,7 +46,8 @@ class LawOptions(NamedTuple):
 
     Derived: lookahead_time [s], release_velocity [m/s] above which an axis at rest moves again,
     pole = exp(-2 pi velocity_bandwidth time_step), inverse_m [1/kg], integral_gain = K_i time_step
-    [N/m], and estimates, 1 if the velocity is estimated.
+    [N/m], estimates, 1 if the velocity is estimated, least_mass and most_mass from
+    mass_ratio_limits, and half_d_bar = d_bar / 2 [N s/m], a guess of the damping.
     """
 
     lookahead_time: float
@@ -62,7 +63,7 @@ class LawOptions(NamedTuple):
     least_mass: float
     most_mass: float
     response_timeout: float
-    damping: float
+    half_d_bar: float
 
 
 LAW = record([(name, 'f8') for name in (*Gains._fields, *LawOptions._fields)])
@@ -76,6 +77,18 @@ OFF: Mapping[str, Any] = {
     'velocity_source': 'measured',
     'supervision': False,
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class MassRatioLimits(Parameters):
+    """Bounds of the learnt mass, relative to m."""
+
+    lower: float = parameter(
+        0.2, '', 'least learnt mass over m', lower=0.0, open_lower=True, upper=1.0
+    )
+    upper: float = parameter(5.0, '', 'largest learnt mass over m', lower=1.0)
+
+    prefix = 'mass_ratio_limits.'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,9 +163,6 @@ class ControlGains(Parameters):
         'that is estimated from the positions',
         choices=('measured', 'estimated'),
     )
-    supervision: bool = parameter(True, '', 'whether impulses are supervised')
-    learn_mass: bool = parameter(True, '', 'mass learnt')
-    response_timeout: int = parameter(1000, 'samples', 'in flight at most', lower=1)
     velocity_bandwidth: float = parameter(
         50.0,
         'Hz',
@@ -160,6 +170,24 @@ class ControlGains(Parameters):
         'velocity_deadband above 4 pi times it times the step of the encoder',
         lower=0.0,
         open_lower=True,
+    )
+    supervision: bool = parameter(
+        True,
+        '',
+        'whether impulses are checked by their jumps, and suspended where they do not work; false '
+        'is the law of the paper',
+    )
+    learn_mass: bool = parameter(
+        True, '', 'whether impulses are computed for the mass that their jumps give'
+    )
+    mass_ratio_limits: MassRatioLimits = parameter(
+        MassRatioLimits(), '', 'bounds of the learnt mass'
+    )
+    response_timeout: int = parameter(
+        1000,
+        'samples',
+        'an impulse without a jump for so long is absent; longer than the delay of the loop',
+        lower=1,
     )
     time_step: float = parameter(
         1e-4, 's', 'sampling period of plant and controller', lower=1e-9, upper=1.0, read_only=True
@@ -206,8 +234,9 @@ def packed_law(values: Mapping[str, Any], runs: int) -> np.ndarray:
         'inverse_m': 1.0 / np.asarray(values['m']),
         'integral_gain': np.asarray(values['K_i']) * values['time_step'],
         'estimates': np.asarray(values['velocity_source']) == 'estimated',
-        'least_mass': 0.2, 'most_mass': 5.0,
-        'damping': 0.5 * np.asarray(values['d_bar']),
+        'least_mass': values['mass_ratio_limits.lower'],
+        'most_mass': values['mass_ratio_limits.upper'],
+        'half_d_bar': 0.5 * np.asarray(values['d_bar']),
     }
     law = np.zeros(runs, LAW)
     for name in LAW.names or ():

@@ -61,19 +61,14 @@ import numpy as np
 from impulse_control_ros.core.control_gains import Gains, LawOptions
 from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
 from impulse_control_ros.core.supervision import (
-    Flight,
-    Learnt,
+    begin_supervision,
     mass_scale,
     may_fire,
-    NEW,
-    NO_VERDICT,
-    observed,
-    sent,
-    Supervision,
-    supervision_at,
-    Suspension,
+    note_impulse,
+    note_turn,
+    observe,
+    SUPERVISION,
 )
-from impulse_control_ros.core.velocity_noise import Noise, Signal
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
@@ -105,7 +100,6 @@ class LawState(NamedTuple):
     disarmed: float
     rest_samples: float
     integral: float
-    supervision: Supervision
 
 
 class Command(NamedTuple):
@@ -124,7 +118,7 @@ class Command(NamedTuple):
     ratio: float
 
 
-FRESH = LawState(*[0.0] * (len(LawState._fields) - 1), NEW)
+FRESH = LawState(*[0.0] * len(LawState._fields))
 COMMAND = record(
     [
         ('effort', 'f8'),
@@ -135,46 +129,50 @@ COMMAND = record(
         ('ratio', 'f8'),
     ]
 )
-GAINS, OPTIONS = len(Gains._fields), len(LawOptions._fields)
-# places in the flat memory
-PLAIN, COUNTERS, SIGNAL = len(LawState._fields) - 1, len(Noise._fields) - 2, len(Signal._fields)
-FLIGHT = PLAIN + COUNTERS + 2 * SIGNAL
-LEARNT = FLIGHT + len(Flight._fields)
-LAST = LEARNT + len(Learnt._fields)
-STATES = LAST + len(Suspension._fields)
+STATES, GAINS, OPTIONS = len(LawState._fields), len(Gains._fields), len(LawOptions._fields)
 
 
 @compiled
-def control_step(state, gains, options, position, velocity):
+def control_step(state, gains, options, memory, position, velocity):
     """
     Evaluate the law at one sample; return the `Command` and the next `LawState`.
 
-    If ``options`` is None (all off), numba compiles the law without them. Conditions then only
-    select values, so a batch computes many runs at once.
+    ``memory`` is that of the supervision, a record of dtype SUPERVISION. If ``options`` and
+    ``memory`` are None (all off), numba compiles the law without them. Conditions then only select
+    values, so a batch computes many runs at once.
     """
-    velocity = velocity_of(state, gains, options, position, velocity)
-    error = position - gains.x_r
-    supervision, finding, free = supervised(state, gains, options, position, error, velocity)
-    gains = learnt_gains(gains, options, supervision)
-    guarded, fired, ahead = looked_at(gains, options, supervision, position, velocity)
+    velocity = velocity_of(state, gains, options, memory, position, velocity)
+    error, free, verdict, ratio = position - gains.x_r, True, 0, 0.0
+    is_supervised = False if options is None else options.supervision != 0.0
+    if is_supervised:
+        if state.started == 0.0:
+            begin_supervision(memory, options, error, velocity)
+        else:
+            observe(memory, state, gains, options, position, error, velocity)
+        free, verdict, ratio = may_fire(memory), memory.verdict, memory.ratio
+        gains = learnt_gains(gains, options, memory)
+    guarded, braked, ahead = looked_at(gains, options, memory, position, velocity)
     direction = direction_of(state.direction, gains, options, guarded)
     rest_samples = state.rest_samples + 1.0 if direction == 0.0 else 0.0
     guard = guard_met(state, gains, error, ahead - gains.x_r, direction)
     guard = armed(guard, state, options, direction, rest_samples)
     guard = guard if (state.hold == 0.0) & (gains.impulses != 0.0) & free else NO_IMPULSE
-    area = impulse_area(guard, gains, error, fired)
+    area = impulse_area(guard, gains, error, braked)
     owed = due(state.pending, area, error, guarded)
     owed = owed if gains.impulses != 0.0 else 0.0
 
     feedback, integral = feedback_of(gains, options, state.integral, error, velocity)
     effort, pending = saturated(gains, feedback, owed)
-    left = owed - pending
-    command = Command(effort, area, guard, velocity, finding[0], finding[1])
+    command, left = Command(effort, area, guard, velocity, verdict, ratio), owed - pending
     guard_position, side = ahead, sign(ahead - gains.x_r)
-    if options is not None and options.supervision != 0.0:
-        if supervision.flight.age > 0.0:  # the guard looks again when it may fire again
+    disarmed = is_disarmed(state, options, guard, ahead - gains.x_r)
+    if is_supervised:
+        if memory.flight.age > 0.0:  # a crossing during the flight counts when it has ended
             guard_position, side = state.guard_position, state.side
-        supervision = sent(supervision, options, direction, state.direction, owed, left, error)
+        if owed != 0.0:
+            note_impulse(memory, options, direction, owed, left, error)
+        if direction != state.direction and state.direction != 0.0:
+            note_turn(memory.suspension, error, owed != 0.0)
     if options is None:  # unused then; clearing them makes the loop a sixth faster
         position = velocity = left = rest_samples = 0.0
     after = LawState(
@@ -189,47 +187,29 @@ def control_step(state, gains, options, position, velocity):
         position=position,
         velocity=velocity,
         last_impulse=left,
-        disarmed=is_disarmed(state, options, guard, ahead - gains.x_r),
+        disarmed=disarmed,
         rest_samples=0.0 if owed != 0.0 else rest_samples,
         integral=integral,
-        supervision=supervision,
     )
     return command, after
 
 
 @compiled
-def supervised(state, gains, options, position, error, velocity):
-    """Return the `Supervision` at a sample, (verdict, ratio), and whether an impulse may start."""
-    before = state.supervision
-    if options is None or options.supervision == 0.0:
-        return before, (NO_VERDICT, 0.0), True
-    if state.started == 0.0:
-        return supervision_at(options, error, velocity), (NO_VERDICT, 0.0), True
-    after, finding = observed(before, state, gains, options, position, error, velocity)
-    return after, (finding.verdict, finding.ratio), may_fire(after)
-
-
-@compiled
-def learnt_gains(gains, options, supervision):
+def learnt_gains(gains, options, memory):
     """
-    Return the gains for the learnt mass and noise.
+    Return the gains for the learnt mass, delay and noise.
 
     Behind a delay the impulse at a position zero has the least alpha that (19) allows, which stops
     the axis: a second one would come too late.
     """
-    if options is None or options.supervision == 0.0:
-        return gains
-    learnt, noise = supervision.learnt, supervision.noise
+    learnt, noise = memory.learnt, memory.noise
     scale = mass_scale(learnt, options)
     position_gain = gains.position_gain
     if learnt.delay > 1.0 and learnt.jumps > 0.0:
         position_gain = 1.0 / options.inverse_m
-    if supervision.flight.by_difference == 0.0:
-        sd = noise.velocity.sd
-    elif options.estimates != 0.0:
-        sd = (1.0 - options.pole) * noise.difference.sd
-    else:
-        sd = noise.difference.sd
+    sd = noise.velocity.sd if memory.flight.by_difference == 0.0 else noise.difference.sd
+    if options.estimates != 0.0:
+        sd *= 1.0 - options.pole
     return Gains(
         K=gains.K,
         D=gains.D,
@@ -310,7 +290,7 @@ def saturated(gains, wanted_feedback, owed):
 
 
 @compiled
-def velocity_of(state, gains, options, position, velocity):
+def velocity_of(state, gains, options, memory, position, velocity):
     """Return the velocity that the law uses; an estimate is 0 at the first sample."""
     if options is None:
         return velocity
@@ -321,16 +301,16 @@ def velocity_of(state, gains, options, position, velocity):
     difference = (position - state.position) * gains.sample_rate
     inverse_m = options.inverse_m
     if options.supervision != 0.0 and state.started != 0.0:
-        inverse_m /= mass_scale(state.supervision.learnt, options)
+        inverse_m /= mass_scale(memory.learnt, options)
     moving = state.velocity + state.last_impulse * inverse_m
     estimate = options.pole * moving + (1.0 - options.pole) * difference
     return estimate if abs(estimate) > STILL else 0.0
 
 
 @compiled
-def looked_at(gains, options, supervision, position, velocity):
+def looked_at(gains, options, memory, position, velocity):
     """
-    Return the velocity for the guards, that of a position-zero impulse, and its position [m].
+    Return the velocity for the guards, that of an impulse at a position zero, and its position.
 
     The last two are predicted for the instant at which an impulse acts.
     """
@@ -338,20 +318,20 @@ def looked_at(gains, options, supervision, position, velocity):
         return velocity, velocity, position
     if options.supervision == 0.0:
         return velocity, velocity, position + options.lookahead_time * velocity
-    flight, learnt, noise = supervision.flight, supervision.learnt, supervision.noise
+    flight, learnt, noise = memory.flight, memory.learnt, memory.noise
     if flight.by_difference != 0.0 and options.estimates == 0.0:
         velocity = noise.difference.value
     if learnt.delay == 0.0:
         return velocity, velocity, position + options.lookahead_time * velocity
     delay = learnt.delay * gains.time_step
-    decay = options.damping * delay * options.inverse_m / mass_scale(learnt, options)
+    decay = options.half_d_bar * delay * options.inverse_m / mass_scale(learnt, options)
     ahead = position + velocity * (options.lookahead_time + delay / (1.0 + 0.5 * decay))
     guarded = velocity
     if flight.age == 0.0:
-        signal = noise.difference if flight.by_difference != 0.0 else noise.velocity
-        change = flight.trend / flight.size * learnt.delay
-        blur = 3.0 * signal.sd * learnt.delay / flight.size
-        if blur < abs(velocity) and (velocity + change) * velocity < 0.0:
+        sd = noise.difference.sd if flight.by_difference != 0.0 else noise.velocity.sd
+        blocks = learnt.delay / flight.size
+        stops = (velocity + flight.trend * blocks) * velocity < 0.0
+        if stops and 3.0 * sd * blocks < abs(velocity):
             guarded = 0.0  # the axis stands when the impulse acts
     return guarded, velocity / (1.0 + decay), ahead
 
@@ -403,46 +383,6 @@ def feedback_of(gains, options, integral, error, velocity):
 
 
 @compiled
-def state_of(values):
-    """Return the `LawState` that a float array of shape (STATES,) holds."""
-    noise, flight, learnt, suspension = values[PLAIN:], values[FLIGHT:], values[LEARNT:], values[LAST:]
-    return LawState(
-        *to_fixed_tuple(values, PLAIN),
-        Supervision(
-            Noise(
-                *to_fixed_tuple(noise, COUNTERS),
-                Signal(*to_fixed_tuple(noise[COUNTERS:], SIGNAL)),
-                Signal(*to_fixed_tuple(noise[COUNTERS + SIGNAL :], SIGNAL)),
-            ),
-            Flight(*to_fixed_tuple(flight, LEARNT - FLIGHT)),
-            Learnt(*to_fixed_tuple(learnt, LAST - LEARNT)),
-            Suspension(*to_fixed_tuple(suspension, STATES - LAST)),
-        ),
-    )
-
-
-@compiled
-def copy_to(values, first, fields):
-    """Write a tuple of floats to ``values`` from ``first`` on."""
-    for i in range(len(fields)):
-        values[first + i] = fields[i]
-
-
-@compiled
-def store(values, state):
-    """Write a `LawState` to a float array of shape (STATES,)."""
-    supervision = state.supervision
-    noise = supervision.noise
-    copy_to(values, 0, state[:PLAIN])
-    copy_to(values, PLAIN, noise[:COUNTERS])
-    copy_to(values, PLAIN + COUNTERS, noise.velocity)
-    copy_to(values, PLAIN + COUNTERS + SIGNAL, noise.difference)
-    copy_to(values, FLIGHT, supervision.flight)
-    copy_to(values, LEARNT, supervision.learnt)
-    copy_to(values, LAST, supervision.suspension)
-
-
-@compiled
 def gains_of(law):
     """Return the `Gains` of a LAW record, given as a float array."""
     return Gains(*to_fixed_tuple(law, GAINS))
@@ -455,25 +395,27 @@ def options_of(law):
 
 
 @compiled
-def control_in_place(state, law, position, velocity, command):
+def control_in_place(state, memory, law, position, velocity, command):
     """
     Do `control_step` on arrays, which Python passes ten times faster than named tuples.
 
-    ``state`` and ``law`` hold the values of a `LawState` and a LAW record; ``command`` has shape
-    (1,), dtype COMMAND.
+    ``state`` and ``law`` hold the values of a `LawState` and a LAW record; ``memory`` and
+    ``command`` have shape (1,), dtypes SUPERVISION and COMMAND.
     """
+    before = LawState(*to_fixed_tuple(state, STATES))
     answer, after = control_step(
-        state_of(state), gains_of(law), options_of(law), position, velocity
+        before, gains_of(law), options_of(law), memory[0], position, velocity
     )
-    store(state, after)
+    for i in range(STATES):
+        state[i] = after[i]
     put(command[0], answer)
 
 
 @compiled
-def answer_samples(state, gains, options, position, velocity, commands):
+def answer_samples(state, gains, options, memory, position, velocity, commands):
     """Fill ``commands`` with the answers to n samples, shape (n,); return the last `LawState`."""
     for k in range(len(position)):
-        answer, state = control_step(state, gains, options, position[k], velocity[k])
+        answer, state = control_step(state, gains, options, memory[0], position[k], velocity[k])
         put(commands[k], answer)
     return state
 

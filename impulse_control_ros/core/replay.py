@@ -20,6 +20,7 @@ from impulse_control_ros.core.closed_loop import (
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import answer_samples, COMMAND, FRESH
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.supervision import SUPERVISION
 
 
 class Piece(NamedTuple):
@@ -51,11 +52,15 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
     ``velocity`` is nan where it was not measured. The first piece starts at sample 0.
     """
     commands, state = np.zeros(len(position), COMMAND), FRESH
+    memory = np.zeros(1, SUPERVISION)
     for piece, span in spans(pieces, len(position)):
+        if piece.afresh:
+            state, memory = FRESH, np.zeros(1, SUPERVISION)
         state = answer_samples(
-            FRESH if piece.afresh else state,
+            state,
             piece.gains.values,
             piece.gains.options,
+            memory,
             position[span],
             velocity[span],
             commands[span],
@@ -71,7 +76,7 @@ def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarr
     """
     first = pieces[0]
     assert first.start
-    trace, loop = empty_trace(count, ideal=False), ClosedLoop(first.start, first.gains)
+    trace, loop = empty_trace(count), ClosedLoop(first.start, first.gains)
     starts = [piece.start for piece in pieces[1:]] + [None]
     for (piece, span), next_start in zip(spans(pieces, count), starts, strict=True):
         assert piece.plant

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.control_gains import ControlGains
-from impulse_control_ros.core.control_law import COMMAND, control_in_place, FRESH
+from impulse_control_ros.core.control_law import COMMAND, control_in_place, STATES
 from impulse_control_ros.core.jit import machine_code
+from impulse_control_ros.core.supervision import SUPERVISION
 
 
 class SampledController:
@@ -17,7 +18,8 @@ class SampledController:
         self._command = np.zeros(1, COMMAND)
         self._control = machine_code(
             control_in_place,
-            np.array(FRESH),
+            np.zeros(STATES),
+            np.zeros(1, SUPERVISION),
             gains.packed().view(float),
             0.0,
             0.0,
@@ -33,9 +35,9 @@ class SampledController:
 
     def forget(self) -> None:
         """Clear the memory; the next sample counts as the first one."""
-        self._state = np.array(FRESH)
+        self._state, self._memory = np.zeros(STATES), np.zeros(1, SUPERVISION)
 
     def answer(self, position: float, velocity: float) -> Any:
         """Return (effort [N], area [N s], guard, velocity [m/s] that the law used)."""
-        self._control(self._state, self._law, position, velocity, self._command)
+        self._control(self._state, self._memory, self._law, position, velocity, self._command)
         return self._command.item()

@@ -75,9 +75,9 @@ def simulate(plant: Plant, gains: ControlGains, duration: float) -> Run:
     not positive, and `DivergedError` if the motion diverges.
     """
     steps = steps_of(plant, gains, duration)
-    ideal = plant.is_ideal and not gains.has_options
-    trace = empty_trace(steps + 1, ideal)
-    ClosedLoop(plant, gains, ideal).fill(trace, step_on=False)
+    ideal, plain = plant.is_ideal, not gains.has_options
+    trace = empty_trace(steps + 1, ideal, plain)
+    ClosedLoop(plant, gains, ideal, plain).fill(trace, step_on=False)
     end = first_diverged(trace)
     if end is not None:
         raise DivergedError(trace.position[end], trace.velocity[end], f'{end * plant.time_step:g}')

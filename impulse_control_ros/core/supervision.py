@@ -27,109 +27,98 @@ n             delay           samples   from an impulse to its jump, beyond the 
   suspended for 1 s, then 2, 4, ... 64 s.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from impulse_control_ros.core.jit import compiled, sign
-from impulse_control_ros.core.velocity_noise import begun, is_known, next_noise, Noise, UNKNOWN
+from impulse_control_ros.core.jit import compiled, record, sign
+from impulse_control_ros.core.velocity_noise import begin_noise, is_known, next_noise, NOISE
 
 VERDICTS = ('', 'confirmed', 'absent', 'out_of_band', 'reversed', 'growing', 'stalled')
 NO_VERDICT, CONFIRMED, ABSENT, OUT_OF_BAND, REVERSED, GROWING, STALLED = range(7)
 LOW, HIGH = 0.6, 1.4  # of the expected jump; above 1.66 alpha_ratio 0.6 is unstable
 LONGEST = 64.0  # samples of a block
 NEAR = 0.05  # a learnt mass this near the assumed one changes nothing
+MASSES = 5
 
-
-class Flight(NamedTuple):
-    """The impulse in flight: ``age`` [samples], 0 for none, and the search for its jump."""
-
-    age: float
-    area: float
-    at_rest: float
-    by_difference: float
-    size: float
-    count: float
-    total: float
-    level: float
-    level_size: float
-    trend: float
-    seen: float
-    before: float
-    first: float
-    seen_age: float
-    seen_position: float
-
-
-class Learnt(NamedTuple):
-    """Delay [samples], number of jumps, the last five m / assumed m, and their median."""
-
-    delay: float
-    jumps: float
-    mass_0: float
-    mass_1: float
-    mass_2: float
-    mass_3: float
-    mass_4: float
-    mass: float
-
-
-class Suspension(NamedTuple):
-    """Strikes and what is left [samples], the envelope [m], and progress of sticking impulses."""
-
-    strikes: float
-    left: float
-    back_off: float
-    acted: float
-    bound: float
-    floor: float
-    hops: float
-    hop_error: float
-    hop_age: float
-
-
-class Supervision(NamedTuple):
-    """Memory of the supervision between samples, all floats."""
-
-    noise: Noise
-    flight: Flight
-    learnt: Learnt
-    suspension: Suspension
-
-
-class Finding(NamedTuple):
-    """What a sample tells: verdict, ratio r, and whether a jump begins, ends or was none."""
-
-    verdict: int
-    ratio: float
-    jump: float
-    delay: float
-    pause: float
-
-
-NO_FLIGHT = Flight(*[0.0] * len(Flight._fields))
-NEW = Supervision(
-    UNKNOWN,
-    NO_FLIGHT,
-    Learnt(*[0.0] * len(Learnt._fields)),
-    Suspension(*[0.0] * len(Suspension._fields)),
+FLIGHT = record(
+    [
+        (name, 'f8')
+        for name in (
+            'age',  # [samples] since the impulse in flight; 0 for none
+            'area',  # [N s] sent so far
+            'at_rest',  # whether the axis stood
+            'by_difference',  # whether the jump is seen in the difference of positions
+            'size',  # [samples] of a block
+            'count',  # samples in this block
+            'total',  # [m/s] their sum
+            'level',  # [m/s] mean of the last block, of
+            'level_size',  # so many samples
+            'trend',  # [m/s] change per block before the jump
+            'seen',  # blocks since the jump began; 0 before
+            'before',  # [m/s] level before the jump
+            'first',  # [m/s] part of the jump in its first block
+            'seen_age',  # [samples] at the end of that block
+            'seen_position',  # [m] there
+        )
+    ]
+)
+LEARNT = record(
+    [
+        ('delay', 'f8'),  # [samples]
+        ('jumps', 'f8'),  # in masses
+        ('masses', 'f8', (MASSES,)),  # m / assumed m, the newest first
+        ('mass', 'f8'),  # their median
+    ]
+)
+SUSPENSION = record(
+    [
+        (name, 'f8')
+        for name in (
+            'strikes',
+            'left',  # [samples]
+            'back_off',  # [samples] of the last suspension
+            'acted',  # impulses since the last turning point
+            'bound',  # [m] error at the last turning point, at least
+            'floor',  # [m]
+            'hops',  # impulses at rest in a row, since
+            'hop_error',  # [m] this error, and
+            'hop_age',  # [samples] so long ago
+        )
+    ]
+)
+SUPERVISION = record(
+    [
+        ('noise', NOISE),
+        ('flight', FLIGHT),
+        ('learnt', LEARNT),
+        ('suspension', SUSPENSION),
+        ('verdict', 'i8'),  # of the present sample
+        ('ratio', 'f8'),
+    ]
 )
 
 
 @compiled
-def supervision_at(options, error, velocity):
-    """Return the `Supervision` at the first sample."""
-    flight = Flight(
-        0.0, 0.0, 0.0, options.estimates, 1.0, 0.0, 0.0, velocity, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    )
-    learnt = Learnt(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    return Supervision(begun(velocity), flight, learnt, envelope_at(error))
+def begin_supervision(memory, options, error, velocity):
+    """Start at the first sample, with a cleared memory of dtype SUPERVISION."""
+    flight = memory.flight
+    begin_noise(memory.noise, velocity)
+    flight.by_difference, flight.level = options.estimates, velocity
+    flight.size = flight.level_size = memory.learnt.mass = 1.0
+    begin_response(memory.suspension, error)
 
 
 @compiled
-def envelope_at(error):
-    """Return the `Suspension` of a new response."""
-    return Suspension(0.0, 0.0, 0.0, 0.0, abs(error), 0.1 * abs(error), 0.0, abs(error), 0.0)
+def begin_response(suspension, error):
+    """Begin the envelope of a response at its first ``error`` [m]."""
+    suspension.bound, suspension.floor = abs(error), 0.1 * abs(error)
+    begin_hops(suspension, error)
+    suspension.acted = 0.0
+
+
+@compiled
+def begin_hops(suspension, error):
+    """Count the impulses at rest from this ``error`` [m] on."""
+    suspension.hops, suspension.hop_error, suspension.hop_age = 0.0, abs(error), 0.0
 
 
 @compiled
@@ -141,58 +130,48 @@ def mass_scale(learnt, options):
 
 
 @compiled
-def observed(supervision, state, gains, options, position, error, velocity):
-    """Return the `Supervision` after a sample, before the law answers it, and the `Finding`."""
-    noise, flight = supervision.noise, supervision.flight
-    learnt, suspension = supervision.learnt, supervision.suspension
+def observe(memory, state, gains, options, position, error, velocity):
+    """Judge a sample, before the law answers it."""
+    noise, flight = memory.noise, memory.flight
+    learnt, suspension = memory.learnt, memory.suspension
     difference = (position - state.position) * gains.sample_rate
-    finding = Finding(NO_VERDICT, 0.0, 0.0, learnt.delay, 0.0)
+    memory.verdict, memory.ratio = NO_VERDICT, 0.0
     if flight.age == 0.0:
-        flight = idle(flight, noise, options, velocity, difference)
+        follow(flight, noise, options, velocity, difference)
     else:
-        expected = flight.area * options.inverse_m / mass_scale(learnt, options)
-        flight, finding = watched(
-            flight, noise, learnt, state, gains, options, expected, position, velocity, difference
-        )
-        if finding.jump != 0.0 or finding.delay != learnt.delay:
-            learnt, finding = learnt_from(learnt, finding, flight, options)
-    noise = next_noise(noise, velocity, difference, finding.pause)
-    suspension, verdict = suspended(suspension, finding.verdict, state, gains, error)
-    if finding.verdict != NO_VERDICT or suspension.left > 0.0:
-        flight = landed(flight)
-    finding = Finding(verdict, finding.ratio, finding.jump, finding.delay, finding.pause)
-    return Supervision(noise, flight, learnt, suspension), finding
+        watch(memory, state, gains, options, position, velocity, difference)
+    next_noise(noise, velocity, difference)
+    if state.x_r != gains.x_r:
+        begin_response(suspension, error)
+    judge_error(memory, gains, abs(error))
+    if memory.verdict != NO_VERDICT:
+        judge(memory, gains)
+        end_flight(flight)
 
 
 @compiled
-def idle(flight, noise, options, velocity, difference):
+def follow(flight, noise, options, velocity, difference):
     """Follow level and trend while no impulse is in flight."""
     by_difference = flight.by_difference
     if options.estimates == 0.0:
-        better = noise.velocity.sd > noise.difference.sd / flight.size
+        better = noise.velocity.sd * flight.size > noise.difference.sd
         by_difference = 1.0 if better else 0.0
     value = difference if by_difference != 0.0 else velocity
+    before = flight.level
     if by_difference != flight.by_difference:
-        level, trend = value, 0.0
+        flight.level, flight.trend, flight.by_difference = value, 0.0, by_difference
     elif flight.size == 1.0:
-        level, trend = value, value - flight.level
+        flight.level, flight.trend = value, value - before
     else:
         gain = 1.0 / flight.size
-        level = flight.level + gain * (value - flight.level)
-        trend = flight.trend + 0.25 * gain * (flight.size * (level - flight.level) - flight.trend)
-    return Flight(
-        0.0, 0.0, 0.0, by_difference, flight.size, 0.0, 0.0, level, flight.size, trend,
-        0.0, 0.0, 0.0, 0.0, 0.0,
-    )  # fmt: skip
+        flight.level += gain * (value - before)
+        flight.trend += 0.25 * gain * (flight.size * (flight.level - before) - flight.trend)
 
 
 @compiled
-def landed(flight):
-    """Return the flight ended; level and trend stay."""
-    return Flight(
-        0.0, 0.0, 0.0, flight.by_difference, flight.size, 0.0, 0.0, flight.level,
-        flight.level_size, flight.trend, 0.0, 0.0, 0.0, 0.0, 0.0,
-    )  # fmt: skip
+def end_flight(flight):
+    """Let the next impulse start; level and trend stay."""
+    flight.age = flight.area = flight.count = flight.total = flight.seen = 0.0
 
 
 @compiled
@@ -210,115 +189,114 @@ def block_size(noise, by_difference, expected):
 
 
 @compiled
-def watched(
-    flight, noise, learnt, state, gains, options, expected, position, velocity, difference
+def watch(memory, state, gains, options, position, velocity, difference):
+    """Look for the jump of the impulse in flight, block by block."""
+    flight, noise, learnt = memory.flight, memory.noise, memory.learnt
+    flight.age += 1.0
+    flight.count += 1.0
+    flight.total += difference if flight.by_difference != 0.0 else velocity
+    if flight.count < flight.size:
+        return
+    mean = flight.total / flight.size
+    flight.count = flight.total = 0.0
+    expected = flight.area * options.inverse_m / mass_scale(learnt, options)
+    way, most = sign(expected), abs(expected)
+    change = way * (mean - flight.level)
+    surplus = change - way * flight.trend
+    sd = block_noise(noise, flight.by_difference, flight.size)
+    old_sd = block_noise(noise, flight.by_difference, flight.level_size)
+    least = max(
+        (0.05 if flight.by_difference != 0.0 else 0.1) * most,
+        7.0 * np.sqrt(sd * sd + old_sd * old_sd),
+    )
+    if flight.seen == 0.0:
+        look(memory, options, most, least, surplus, position)
+    else:
+        flight.seen += 1.0
+        measure_jump(memory, state, gains, options, most, least, change, surplus, sd, mean, position)
+    if flight.seen == 0.0:
+        flight.trend += (1.0 if flight.size == 1.0 else 0.25) * (way * change - flight.trend)
+    elif memory.verdict != NO_VERDICT:
+        flight.trend = way * change
+    flight.level, flight.level_size = mean, flight.size
+    if flight.seen == 0.0 and is_known(noise):
+        flight.size = max(flight.size, block_size(noise, flight.by_difference, expected))
+
+
+@compiled
+def look(memory, options, most, least, surplus, position):
+    """Look for the first block of the jump, ``least`` [m/s] above the trend."""
+    flight, noise, learnt = memory.flight, memory.noise, memory.learnt
+    if surplus > least:
+        flight.seen, flight.before, flight.first = 1.0, flight.level, surplus
+        flight.seen_age, flight.seen_position = flight.age, position
+        noise.pause = 4.0
+        if learnt.jumps == 0.0:
+            learnt.delay = max(flight.age - 1.0 - flight.size, 0.0)
+    elif is_known(noise) and -surplus > max(0.3 * most, least):
+        memory.verdict, memory.ratio, noise.pause = REVERSED, -1.0, 4.0
+    elif flight.age > options.response_timeout:
+        end_flight(flight)
+        if least < LOW * most:
+            memory.verdict = ABSENT
+
+
+@compiled
+def measure_jump(
+    memory, state, gains, options, most, least, change, surplus, sd, mean, position
 ):
-    """Return the flight one sample later, and the `Finding`."""
-    f = flight
-    age, count = f.age + 1.0, f.count + 1.0
-    total = f.total + (difference if f.by_difference != 0.0 else velocity)
-    verdict, ratio, jump, delay, pause = NO_VERDICT, 0.0, 0.0, learnt.delay, 0.0
-    size, level, level_size, trend = f.size, f.level, f.level_size, f.trend
-    seen, before, first = f.seen, f.before, f.first
-    seen_age, seen_position = f.seen_age, f.seen_position
-    if count == size:
-        mean = total / size
-        count, total = 0.0, 0.0
-        way, most = sign(expected), abs(expected)
-        change = way * (mean - level)
-        surplus = change - way * trend
-        sd = block_noise(noise, f.by_difference, size)
-        old_sd = block_noise(noise, f.by_difference, level_size)
-        least = max(
-            (0.05 if f.by_difference != 0.0 else 0.1) * most,
-            7.0 * np.sqrt(sd * sd + old_sd * old_sd),
-        )
-        sure = is_known(noise)
-        if seen == 0.0:
-            if surplus > least:
-                seen, before, first, seen_age, seen_position = 1.0, level, surplus, age, position
-                pause = 3.0
-                if learnt.jumps == 0.0:
-                    delay = max(age - 1.0 - size, 0.0)
-            elif sure and -surplus > max(0.3 * most, least):
-                verdict, ratio, pause = REVERSED, -1.0, 3.0
-            elif age > options.response_timeout:
-                age = 0.0
-                if least < LOW * most:
-                    verdict = ABSENT
-        else:
-            seen += 1.0
-            risen = way * (level - before)
-            rise = risen - 0.5 * (way * trend + change) * (seen - 1.0)
-            moved = way * (position - seen_position)
-            proven = sure or (
-                seen >= 3.0 and moved > 0.5 * rise * (seen - 1.0) * size * gains.time_step
-            )
-            grows = min(change, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
-            falls = not sure and way * (mean - before) < 0.5 * first
-            if falls or (rise < 0.5 * least and not grows):
-                seen, pause = 0.0, -1.0
-                if learnt.jumps == 0.0:
-                    delay = 0.0
-            elif age > options.response_timeout:
-                age = 0.0
-            elif proven and not grows:
-                ratio = rise / most
-                fits = ratio < HIGH and (ratio > LOW or f.at_rest != 0.0)
-                verdict, pause = (CONFIRMED if fits else OUT_OF_BAND), 3.0
-                if rise > 10.0 * sd and rise > 10.0 * abs(change):
-                    jump = rise
-                    late = seen_age - 1.0 - size * first / rise
-                    late -= 0.5 if f.by_difference != 0.0 else 0.0
-                    delay = max(np.floor(late + 0.5), 0.0)
-        if seen == 0.0:
-            gain = 1.0 if size == 1.0 else 0.25
-            trend += gain * (way * change - trend)
-            if sure and age > 0.0 and verdict == NO_VERDICT:
-                size = max(size, block_size(noise, f.by_difference, expected))
-        elif verdict != NO_VERDICT:
-            trend = way * change
-        level, level_size = mean, f.size
-    after = Flight(
-        age, f.area if age > 0.0 else 0.0, f.at_rest, f.by_difference, size, count, total, level,
-        level_size, trend, seen, before, first, seen_age, seen_position,
-    )  # fmt: skip
-    return after, Finding(verdict, ratio, jump, delay, pause)
+    """Measure the jump once it grows no more."""
+    flight, noise, learnt = memory.flight, memory.noise, memory.learnt
+    way = sign(flight.area)
+    risen = way * (flight.level - flight.before)
+    rise = risen - 0.5 * (way * flight.trend + change) * (flight.seen - 1.0)
+    grows = min(change, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
+    sure = is_known(noise)
+    falls = not sure and way * (mean - flight.before) < 0.5 * flight.first
+    if falls or (rise < 0.5 * least and not grows):
+        flight.seen = noise.pause = 0.0  # it was noise
+        if learnt.jumps == 0.0:
+            learnt.delay = 0.0
+        return
+    if flight.age > options.response_timeout:
+        end_flight(flight)
+        return
+    moved = way * (position - flight.seen_position)
+    steady = 0.5 * rise * (flight.seen - 1.0) * flight.size * gains.time_step
+    if grows or not (sure or (flight.seen >= 3.0 and moved > steady)):
+        return
+    memory.ratio, noise.pause = rise / most, 4.0
+    fits = memory.ratio < HIGH and (memory.ratio > LOW or flight.at_rest != 0.0)
+    memory.verdict = CONFIRMED if fits else OUT_OF_BAND
+    if rise > 10.0 * sd and rise > 10.0 * abs(change):
+        late = flight.seen_age - 1.0 - flight.size * flight.first / rise
+        late -= 0.5 if flight.by_difference != 0.0 else 0.0
+        learnt.delay = max(np.floor(late + 0.5), 0.0)
+        learn_mass(memory, options)
 
 
 @compiled
-def learnt_from(learnt, finding, flight, options):
-    """Return what is `Learnt` with a jump more; the first jumps confirm the mass they give."""
-    if finding.jump == 0.0:
-        return (
-            Learnt(
-                finding.delay, learnt.jumps, learnt.mass_0, learnt.mass_1, learnt.mass_2,
-                learnt.mass_3, learnt.mass_4, learnt.mass,
-            ),
-            finding,
-        )
-    scale = mass_scale(learnt, options)
-    mass = scale / finding.ratio
+def learn_mass(memory, options):
+    """Learn the mass from the ratio of a jump; the first jumps confirm the mass they give."""
+    learnt = memory.learnt
+    mass = mass_scale(learnt, options) / memory.ratio
     mass = min(max(mass, options.least_mass), options.most_mass)
-    jumps = min(learnt.jumps + 1.0, 5.0)
-    agree = learnt.jumps > 0.0 and abs(mass - learnt.mass_0) < 0.3 * mass
-    if finding.verdict == OUT_OF_BAND and agree:
-        jumps = 2.0  # the mass has changed: forget the older ones
-    median = median_of(
-        mass, learnt.mass_0, learnt.mass_1, learnt.mass_2, learnt.mass_3, jumps
-    )
-    verdict = finding.verdict
-    if options.learn_mass != 0.0 and jumps <= 2.0:
-        verdict = CONFIRMED
-    after = Learnt(
-        finding.delay, jumps, mass, learnt.mass_0, learnt.mass_1, learnt.mass_2, learnt.mass_3, median
-    )
-    return after, Finding(verdict, finding.ratio, finding.jump, finding.delay, finding.pause)
+    agrees = learnt.jumps > 0.0 and abs(mass - learnt.masses[0]) < 0.3 * mass
+    learnt.jumps = min(learnt.jumps + 1.0, float(MASSES))
+    if memory.verdict == OUT_OF_BAND and agrees:
+        learnt.jumps = 2.0  # the mass has changed: forget the older ones
+    for i in range(MASSES - 1, 0, -1):
+        learnt.masses[i] = learnt.masses[i - 1]
+    learnt.masses[0] = mass
+    learnt.mass = median_of(learnt.masses, learnt.jumps)
+    if options.learn_mass != 0.0 and learnt.jumps <= 2.0:
+        memory.verdict = CONFIRMED
 
 
 @compiled
-def median_of(a, b, c, d, e, count):
+def median_of(values, count):
     """Return the median of the first ``count`` of five values."""
+    a, b, c, d, e = values[0], values[1], values[2], values[3], values[4]
     if count == 1.0:
         return a
     if count == 2.0:
@@ -333,72 +311,65 @@ def median_of(a, b, c, d, e, count):
 
 
 @compiled
-def suspended(suspension, verdict, state, gains, error):
-    """Return the `Suspension` after a sample, and the verdict."""
-    s, size = suspension, abs(error)
-    strikes, left, back_off, acted, bound = s.strikes, s.left, s.back_off, s.acted, s.bound
-    floor, hops, hop_error, hop_age = s.floor, s.hops, s.hop_error, s.hop_age + 1.0
-    if left > 0.0:
-        left -= 1.0
-        if left == 0.0:
-            acted, bound, hops, hop_error, hop_age = 0.0, max(size, floor), 0.0, size, 0.0
-    if state.x_r != gains.x_r:
-        acted, bound, floor, hops, hop_error, hop_age = 0.0, size, 0.1 * size, 0.0, size, 0.0
-    if size > 1.1 * bound:
-        if acted > 0.0 and left == 0.0:
-            verdict, strikes = GROWING, 1.0
-        bound = size
-    if hops >= 8.0:
-        if size > hop_error * (1.0 - 0.2 * hop_age * gains.time_step):
-            verdict, strikes = STALLED, 1.0
-        hops, hop_error, hop_age = 0.0, size, 0.0
-    if verdict == CONFIRMED:
-        strikes, back_off = 0.0, 0.0
-    elif verdict != NO_VERDICT:
-        strikes += 1.0
-    if strikes >= 2.0 and left == 0.0:
-        back_off = min(max(2.0 * back_off, gains.sample_rate), 64.0 * gains.sample_rate)
-        left, strikes, acted = back_off, 0.0, 0.0
-    return (
-        Suspension(strikes, left, back_off, acted, bound, floor, hops, hop_error, hop_age),
-        verdict,
-    )
+def judge_error(memory, gains, size):
+    """Judge abs(e) = ``size`` [m] by its envelope and by the impulses at rest."""
+    suspension = memory.suspension
+    suspension.hop_age += 1.0
+    if suspension.left > 0.0:
+        suspension.left -= 1.0
+        if suspension.left == 0.0:
+            suspension.bound, suspension.acted = max(size, suspension.floor), 0.0
+            begin_hops(suspension, size)
+    if size > 1.1 * suspension.bound:
+        if suspension.acted > 0.0 and suspension.left == 0.0:
+            memory.verdict, suspension.strikes = GROWING, 1.0
+        suspension.bound = size
+    if suspension.hops >= 8.0:
+        passed = suspension.hop_age * gains.time_step
+        if size > suspension.hop_error * (1.0 - 0.2 * passed):
+            memory.verdict, suspension.strikes = STALLED, 1.0
+        begin_hops(suspension, size)
 
 
 @compiled
-def sent(supervision, options, direction, before, owed, left, error):
-    """
-    Return the `Supervision` after the law's answer.
-
-    ``owed`` [N s] is the area due and ``left`` [N s] the part that acts over this sample;
-    ``direction`` and ``before`` are the signs of the velocity at this and the last sample.
-    """
-    flight, s = supervision.flight, supervision.suspension
-    acted, bound, hops, hop_error, hop_age = s.acted, s.bound, s.hops, s.hop_error, s.hop_age
-    if owed != 0.0:
-        f, rests = flight, direction == 0.0
-        age, size, count, total, at_rest = f.age, f.size, f.count, f.total, f.at_rest
-        if age == 0.0:
-            age, count, total, at_rest = 1.0, 0.0, 0.0, 1.0 if rests else 0.0
-            expected = owed * options.inverse_m / mass_scale(supervision.learnt, options)
-            size = block_size(supervision.noise, f.by_difference, expected)
-            hops = hops + 1.0 if rests else 0.0
-            if not rests:
-                hop_error, hop_age = abs(error), 0.0
-        acted += 1.0
-        flight = Flight(
-            age, f.area + left, at_rest, f.by_difference, size, count, total, f.level,
-            f.level_size, f.trend, f.seen, f.before, f.first, f.seen_age, f.seen_position,
-        )  # fmt: skip
-    if direction != before and before != 0.0:
-        bound, acted = max(abs(error), s.floor), 1.0 if owed != 0.0 else 0.0
-    suspension = Suspension(
-        s.strikes, s.left, s.back_off, acted, bound, s.floor, hops, hop_error, hop_age
-    )
-    return Supervision(supervision.noise, flight, supervision.learnt, suspension)
+def judge(memory, gains):
+    """Count strikes and suspend impulses by the verdict."""
+    suspension = memory.suspension
+    if memory.verdict == CONFIRMED:
+        suspension.strikes = suspension.back_off = 0.0
+        return
+    suspension.strikes += 1.0
+    if suspension.strikes >= 2.0 and suspension.left == 0.0:
+        longer = max(2.0 * suspension.back_off, gains.sample_rate)
+        suspension.back_off = min(longer, 64.0 * gains.sample_rate)
+        suspension.left = suspension.back_off
+        suspension.strikes = suspension.acted = 0.0
 
 
 @compiled
-def may_fire(supervision):
+def note_impulse(memory, options, direction, owed, left, error):
+    """Note the area due [N s], of which ``left`` acts over this sample."""
+    flight, suspension = memory.flight, memory.suspension
+    if flight.age == 0.0:
+        expected = owed * options.inverse_m / mass_scale(memory.learnt, options)
+        flight.age, flight.at_rest = 1.0, 1.0 if direction == 0.0 else 0.0
+        flight.size = block_size(memory.noise, flight.by_difference, expected)
+        if direction == 0.0:
+            suspension.hops += 1.0
+        else:
+            begin_hops(suspension, error)
+    flight.area += left
+    suspension.acted += 1.0
+
+
+@compiled
+def note_turn(suspension, error, fired):
+    """Note a turning point of the motion at ``error`` [m]."""
+    suspension.bound = max(abs(error), suspension.floor)
+    suspension.acted = 1.0 if fired else 0.0
+
+
+@compiled
+def may_fire(memory):
     """Return whether the next impulse may start."""
-    return (supervision.flight.age == 0.0) & (supervision.suspension.left == 0.0)
+    return (memory.flight.age == 0.0) & (memory.suspension.left == 0.0)

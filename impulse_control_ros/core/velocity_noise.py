@@ -18,11 +18,9 @@ sigma      sd              m/s    standard deviation of the noise of either
 =========  ==============  =====  ==========================================================
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from impulse_control_ros.core.jit import compiled
+from impulse_control_ros.core.jit import compiled, record
 
 LEAST = 0.01  # of the speed: less noise than this does not matter
 EVERY = 4.0  # samples per update, once there are UPDATES
@@ -34,35 +32,24 @@ OF_VELOCITY, OF_DIFFERENCE = 0.29504, 0.15055
 NOTHING = 1e-18  # m^2/s^2: a smaller variance is rounding
 
 
-class Signal(NamedTuple):
-    """A noisy velocity: value, first and second difference [m/s], and what is known of it."""
-
-    value: float
-    step: float
-    curve: float
-    alternates: float
-    variance: float
-    sd: float
-
-
-class Noise(NamedTuple):
-    """Noise of the velocity and of the difference of positions; ``pause`` in samples."""
-
-    updates: float
-    count: float
-    pause: float
-    velocity: Signal
-    difference: Signal
-
-
-SILENT = Signal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-UNKNOWN = Noise(0.0, 0.0, 0.0, SILENT, SILENT)
+# a noisy velocity [m/s]: value, first and second differences, and what is known of its noise
+SIGNAL = record(
+    [(name, 'f8') for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd')]
+)
+# pause: samples that are left out; count: samples since the last update
+NOISE = record(
+    [
+        *((name, 'f8') for name in ('updates', 'count', 'pause')),
+        ('velocity', SIGNAL),
+        ('difference', SIGNAL),
+    ]
+)
 
 
 @compiled
-def begun(velocity):
-    """Return the `Noise` at the first sample."""
-    return Noise(0.0, 0.0, 3.0, Signal(velocity, 0.0, 0.0, 0.0, 0.0, 0.0), SILENT)
+def begin_noise(noise, velocity):
+    """Start at the first sample, with a cleared memory of dtype NOISE."""
+    noise.pause, noise.velocity.value = 3.0, velocity
 
 
 @compiled
@@ -72,42 +59,40 @@ def is_known(noise):
 
 
 @compiled
-def next_signal(signal, value, due, factor, weight):
-    """Return the `Signal` one sample later; an update is ``due`` or not."""
+def next_value(signal, value):
+    """Go on to the value at the next sample; return what its noise may have as variance."""
     step = value - signal.value
     curve = step - signal.step
     product = curve * signal.curve
     least = LEAST * (abs(value) + abs(signal.value))
     alternates = product < 0.0 and min(abs(curve), abs(signal.curve)) > least
-    variance, sd = signal.variance, signal.sd
-    if due:
-        fresh = -factor * product if alternates and signal.alternates != 0.0 else 0.0
-        if weight < 1.0 / KNOWN and variance > NOTHING:  # a jump that is not seen yet
-            fresh = min(fresh, MOST * variance)
-        variance += weight * (fresh - variance)
-        sd = np.sqrt(variance) if variance > NOTHING else 0.0
-    return Signal(value, step, curve, 1.0 if alternates else 0.0, variance, sd)
+    counts = alternates and signal.alternates != 0.0
+    signal.value, signal.step, signal.curve = value, step, curve
+    signal.alternates = 1.0 if alternates else 0.0
+    return -product if counts else 0.0
 
 
 @compiled
-def next_noise(noise, velocity, difference, pause):
-    """
-    Return the `Noise` one sample later.
+def update(signal, fresh, weight):
+    """Average the variance."""
+    if weight < 1.0 / KNOWN and signal.variance > NOTHING:  # a jump that is not seen yet
+        fresh = min(fresh, MOST * signal.variance)
+    signal.variance += weight * (fresh - signal.variance)
+    signal.sd = np.sqrt(signal.variance) if signal.variance > NOTHING else 0.0
 
-    ``pause`` leaves out so many samples, which a jump of the velocity disturbs; if negative, those
-    left out before count again.
-    """
-    left = 0.0 if pause < 0.0 else max(noise.pause - 1.0, pause)
-    count = noise.count + 1.0
-    updates, weight = noise.updates, 0.0
-    due = (count == EVERY or updates < UPDATES) and left <= 0.0
-    if due:
-        updates = min(updates + 1.0, UPDATES)
-        weight = 1.0 / updates
-    return Noise(
-        updates,
-        0.0 if count == EVERY else count,
-        max(left, 0.0),
-        next_signal(noise.velocity, velocity, due, OF_VELOCITY, weight),
-        next_signal(noise.difference, difference, due, OF_DIFFERENCE, weight),
-    )
+
+@compiled
+def next_noise(noise, velocity, difference):
+    """Go on to the next sample [m/s]."""
+    of_velocity = next_value(noise.velocity, velocity)
+    of_difference = next_value(noise.difference, difference)
+    noise.count += 1.0
+    if noise.pause > 0.0:
+        noise.pause -= 1.0
+    elif noise.count >= EVERY or noise.updates < UPDATES:
+        noise.count = 0.0
+        noise.updates = min(noise.updates + 1.0, UPDATES)
+        if of_velocity + of_difference + noise.velocity.sd + noise.difference.sd != 0.0:
+            weight = 1.0 / noise.updates
+            update(noise.velocity, OF_VELOCITY * of_velocity, weight)
+            update(noise.difference, OF_DIFFERENCE * of_difference, weight)

@@ -25,7 +25,7 @@ def answers(samples, gains=None):
 
     The law without options and the one with all of them off do, and say the same to the bit.
     """
-    plain, state, command = FRESH, np.array(FRESH), np.zeros(1, COMMAND)
+    plain, state, command = FRESH, np.zeros(STATES), np.zeros(1, COMMAND)
     given_answers, changes = [], [gains or ControlGains()]
     for position, velocity, *change in samples:
         changes += change

@@ -54,7 +54,7 @@ class Law(RuleBasedStateMachine):
     def begin(self, values):
         self.values = values | {'time_step': DT, 'x_r': 0.0, 'impulses': True}
         self.set()
-        self.state, self.command = np.array(FRESH), np.zeros(1, COMMAND)
+        self.state, self.command = np.zeros(STATES), np.zeros(1, COMMAND)
         self.effort, self.guard, self.area = 0.0, NO_IMPULSE, 0.0
         self.before = None
         self.owed = self.sent = 0.0

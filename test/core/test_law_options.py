@@ -29,7 +29,7 @@ AT_REST = 2.0  # s, from which on a run of 4 s is judged
 
 def answers(samples, gains):
     """Answer (position, velocity) or (position, velocity, x_r), nan for no velocity."""
-    state, command, told = np.array(FRESH), np.zeros(1, COMMAND), []
+    state, command, told = np.zeros(STATES), np.zeros(1, COMMAND), []
     for position, velocity, *x_r in samples:
         law = replace(gains, x_r=x_r[0]) if x_r else gains
         control_in_place(state, law.packed().view(float), position, velocity, command)
@@ -348,7 +348,7 @@ def test_an_integral_goes_on_while_the_effort_is_clipped_the_other_way():
 
 
 def test_an_integral_gain_taken_away_leaves_nothing():
-    state, command = np.array(FRESH), np.zeros(1, COMMAND)
+    state, command = np.zeros(STATES), np.zeros(1, COMMAND)
     for gain in (100.0, 0.0):
         law = ControlGains(K_i=gain, impulses=False).packed().view(float)
         for _ in range(100):
