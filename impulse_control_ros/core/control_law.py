@@ -214,7 +214,7 @@ def learnt_gains(gains, options, memory):
         K=gains.K,
         D=gains.D,
         position_gain=position_gain * scale,
-        velocity_gain=gains.velocity_gain * np.sqrt(max(scale, 1.0)),
+        velocity_gain=gains.velocity_gain * (np.sqrt(scale) if scale > 1.0 else 1.0),
         x_r=gains.x_r,
         impulses=gains.impulses,
         effort_limit=gains.effort_limit,

@@ -23,7 +23,7 @@ import numpy as np
 from impulse_control_ros.core.jit import compiled, record
 
 LEAST = 0.01  # of the speed: less noise than this does not matter
-EVERY = 4.0  # samples per update, once there are UPDATES
+EVERY, LOOK = 16.0, 4.0  # samples per update, once there are UPDATES, of which the last count
 UPDATES = 128.0  # that the average goes back
 KNOWN = 48.0  # updates after which the noise counts as known
 MOST = 9.0  # times the variance, that an update may have once the noise is known
@@ -77,6 +77,8 @@ def update(signal, fresh, weight):
     """Average the variance."""
     if weight < 1.0 / KNOWN and signal.variance > NOTHING:  # a jump that is not seen yet
         fresh = min(fresh, MOST * signal.variance)
+    if fresh == signal.variance:
+        return
     signal.variance += weight * (fresh - signal.variance)
     signal.sd = np.sqrt(signal.variance) if signal.variance > NOTHING else 0.0
 
@@ -84,15 +86,16 @@ def update(signal, fresh, weight):
 @compiled
 def next_noise(noise, velocity, difference):
     """Go on to the next sample [m/s]."""
+    noise.count += 1.0
+    noise.pause = max(noise.pause - 1.0, 0.0)
+    if noise.updates == UPDATES and noise.count <= EVERY - LOOK:
+        noise.velocity.value, noise.difference.value = velocity, difference
+        return
     of_velocity = next_value(noise.velocity, velocity)
     of_difference = next_value(noise.difference, difference)
-    noise.count += 1.0
-    if noise.pause > 0.0:
-        noise.pause -= 1.0
-    elif noise.count >= EVERY or noise.updates < UPDATES:
+    if noise.pause == 0.0 and (noise.count >= EVERY or noise.updates < UPDATES):
         noise.count = 0.0
         noise.updates = min(noise.updates + 1.0, UPDATES)
-        if of_velocity + of_difference + noise.velocity.sd + noise.difference.sd != 0.0:
-            weight = 1.0 / noise.updates
-            update(noise.velocity, OF_VELOCITY * of_velocity, weight)
-            update(noise.difference, OF_DIFFERENCE * of_difference, weight)
+        weight = 1.0 / noise.updates
+        update(noise.velocity, OF_VELOCITY * of_velocity, weight)
+        update(noise.difference, OF_DIFFERENCE * of_difference, weight)
