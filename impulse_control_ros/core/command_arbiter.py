@@ -53,12 +53,8 @@ class CommandArbiter:
     def take(self, sender: CommandHeader, stamp: Stamp, effort: float, now: float) -> Verdict:
         """Take a command; if accepted, its ``effort`` [N] acts from now on."""
         before = self.header
-        is_due = (
-            self.awaiting and stamp == self._stamp
-            if self._lockstep
-            else self._is_newest(stamp, sender)
-        )
-        header, verdict = judge_command(before, sender, is_due)
+        judge = self._is_answer if self._lockstep else self._is_newest
+        header, verdict = judge_command(before, sender, judge(stamp, sender))
         if verdict is Verdict.ACTS and not self._lockstep and self._is_old(stamp):
             verdict = Verdict.OLD
         if verdict is not Verdict.ACTS:
@@ -79,6 +75,11 @@ class CommandArbiter:
             self.counts['late'] += sender.author != FOREIGN and stamp < self._stamp
         return verdict
 
+    def _is_answer(self, stamp: Stamp, sender: CommandHeader) -> bool:
+        """Return whether a command answers the present state; a foreign clock may be ahead."""
+        is_later = sender.author == FOREIGN and stamp > self._stamp
+        return self.awaiting and (stamp == self._stamp or is_later)
+
     def _is_newest(self, stamp: Stamp, sender: CommandHeader) -> bool:
         """Return whether a command is newer than the last one applied from its author."""
         if stamp == (0, 0):  # the command answers no state
@@ -95,6 +96,11 @@ class CommandArbiter:
         if found is not Age.OLD:
             self._acts_since = min(made, present) if found is Age.FRESH else present
         return found is Age.OLD
+
+    def go_on(self) -> None:
+        """Leave the present state unanswered; the effort is held."""
+        self.awaiting = False
+        self.silence.hear()
 
     @property
     def patience(self) -> float:

@@ -43,11 +43,12 @@ class PlantReport:
 
     def reject(self, error: UnreadableError) -> None:
         """Count and log an invalid command."""
-        self._rejected += 1
         logger = self._plant.get_logger()
         if error.is_normal:
+            self._plant.arbiter.counts['ignored'] += 1
             logger.info(f'ignoring commands: {error}', once=True)
         else:
+            self._rejected += 1
             logger.error(f'command rejected: {error}', throttle_duration_sec=5.0)
 
     def too_old(self, age: AgeLimit) -> None:

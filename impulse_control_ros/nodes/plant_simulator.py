@@ -21,6 +21,7 @@ from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.plant import DIVERGED
 from impulse_control_ros.core.protocol import (
+    CommandHeader,
     FOREIGN,
     name_of,
     new_run,
@@ -36,6 +37,7 @@ from impulse_control_ros.errors import DivergedError, UnreadableError
 from impulse_control_ros.files.cdr import COMMANDED, read_header
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, RECORDER_PROGRESS
+from impulse_control_ros.nodes.foreign_controllers import ForeignControllers
 from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.plant_outputs import PlantOutputs
@@ -63,6 +65,7 @@ class PlantSimulator(ParameterNode):
         self.outputs = PlantOutputs(self, parameters.joint_name)
         self.arbiter = CommandArbiter(self.run, parameters.lockstep, monotonic())
         self.recorders = RecorderFlowControl(self.clock, parameters.lockstep)
+        self._foreign = ForeignControllers(self)
         self._read = JointStateReader(parameters.joint_name, parse_command, COMMANDED).read
         self.pacer = WallClockPacer()
         self.control = SimulationControl(self)
@@ -143,8 +146,7 @@ class PlantSimulator(ParameterNode):
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
-                # foreign hardware sends nan while no controller is active
-                raise UnreadableError(f'effort {effort}', is_normal=sender.author == FOREIGN)
+                effort = self._without_effort(sender, effort)
         except UnreadableError as error:
             self._report.reject(error)
             return
@@ -156,9 +158,17 @@ class PlantSimulator(ParameterNode):
             return
         if sender.author != before:
             self.recorders.hold()
+            self._foreign.hear()
             self.get_logger().info(f'the active controller is {name_of(sender.author)}')
         if self.parameters.lockstep:
             self._proceed()
+
+    def _without_effort(self, sender: CommandHeader, effort: float) -> float:
+        """Return the effort that a manager without an active controller answers with, or raise."""
+        is_normal = sender.author == FOREIGN and math.isnan(effort)
+        if not (is_normal and self.parameters.lockstep):
+            raise UnreadableError(f'effort {effort}', is_normal=is_normal)
+        return self.arbiter.effort
 
     def on_progress(self, raw: bytes) -> None:
         """Handle the progress of a recorder, given as CDR."""
@@ -209,7 +219,7 @@ class PlantSimulator(ParameterNode):
             self._nobody_answers(now)
         if now >= self._published_at + patience:
             self._published_at = now
-            self.outputs.send_again(self.arbiter.header)
+            self.outputs.send_again(self.arbiter.header, self.arbiter.awaiting)
         wait = min(patience, IDLE)
         if self.pacer.wall_step and not (held or self.control.holds):
             wait = min(wait, max(self.pacer.due(self.clock.tick) - monotonic(), 0.0))
@@ -228,6 +238,8 @@ class PlantSimulator(ParameterNode):
             self._report.waiting_for('a controller', now)
             if self.control.quitting:
                 self._end()
+            elif self._foreign.wait_for_time:
+                self.arbiter.go_on()
         else:
             self.recorders.let_go()
             if not self.has_next:
