@@ -156,7 +156,9 @@ class Manager:
                 time.sleep(PAUSE)
             self._due = self._clock + self._period
             stamp = self._clock if self._sim_stamps else time.time_ns()
-            self._publisher.publish(stamped(JointState(name=['axis'], effort=[self.effort]), stamp))
+            self._publisher.publish(
+                stamped(JointState(name=['axis'], effort=[self.effort]), stamp)
+            )
             return condition()
 
         self._client.spin_until(cycle, what)
