@@ -39,7 +39,7 @@ PAGES = [README, *DOCS, *ROOT.glob('[be]*/**/README.md')]
 PACKAGE = 'impulse_control_ros'
 NODES = ('plant_simulator', 'controller', 'recorder', 'closed_loop')
 TOOLS = [entry.name for entry in entry_points(group='console_scripts') if PACKAGE in entry.value]
-NOT_ON_PYPI = ('ros2 bag', 'ros2 launch', 'ros2 lifecycle', 'ros2 security')
+NOT_ON_PYPI = ('ros2 bag', 'ros2 control', 'ros2 launch', 'ros2 lifecycle', 'ros2 security')
 # what the gate, the fixture of the workspace and test_paper_figures do
 DONE_ELSEWHERE = (
     'make test',

@@ -22,7 +22,8 @@ class CommandArbiter:
     """
     Selects the commands for the plant of ``run``; in ``lockstep`` the plant waits for them.
 
-    ``header`` is the header of the plant's states and ``effort`` [N] the applied effort.
+    ``header`` is the header of the plant's states and ``effort`` [N] the applied effort, of a
+    foreign controller if ``is_foreign``.
     ``awaiting`` is true while the present state is unanswered; ``silence`` measures how long.
     ``counts`` counts the commands by outcome. All times ``now`` [s] come from one clock.
     Without lockstep, a command acts up to the ``age`` limit, by the stamps of plant and command; a
@@ -35,7 +36,7 @@ class CommandArbiter:
         self.counts = {'accepted': 0, 'late': 0} | dict.fromkeys(
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0
         )
-        self.age = AgeLimit()
+        self.age, self.is_foreign = AgeLimit(), False
         self._lockstep = lockstep
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # stamp of the newest applied command, without lockstep
@@ -66,6 +67,7 @@ class CommandArbiter:
         self.header = header
         self.counts['accepted'] += 1
         self.effort, self.awaiting = effort, False
+        self.is_foreign = sender.author == FOREIGN
         self.silence.hear()
         if self._lockstep:
             trip, took = self._round_trip, now - self._asked_at

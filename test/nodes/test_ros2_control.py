@@ -20,8 +20,8 @@ DURATION, AT_REST = 0.5, 0.3  # s, of a response and until it is to be over
 
 
 def controller(graph, **parameters):
-    # the peer waits for the controller, which must not give up on a busy machine
-    given = {'state_timeout': 0.0, 'lifecycle': False} | parameters
+    # the peer has a pace of its own
+    given = {'state_timeout': 0.0, 'max_age': 0.0, 'lifecycle': False} | parameters
     given['command_joints'] = [*Robot.command_joints]
     return graph.start('controller', *REMAPPED, config=CONFIG, **given)
 
