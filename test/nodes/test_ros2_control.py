@@ -5,6 +5,7 @@ import signal
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 import yaml
 
 from impulse_control_ros.core.protocol import FOREIGN, parse_state
@@ -139,6 +140,14 @@ def test_a_manager_on_the_wall_clock_commands_our_plant_and_each_may_restart(gra
     assert below.interrupt() == 0
     assert below.totals['accepted'] > 0
     assert below.totals['stale'] == below.totals['rejected'] == below.totals['lost'] == 0
+
+
+def test_a_plant_in_lockstep_repeats_its_clock_with_an_unanswered_state(graph, client):
+    clock = client.listen('/clock', Clock)
+    below = plant(graph, lockstep=True)
+    client.spin_until(lambda: len(clock) > 3, 'the clock')
+    assert {message.clock.sec + message.clock.nanosec for message in clock} == {1}
+    assert below.interrupt() == 0
 
 
 @pytest.mark.parametrize(('manager_first', 'sim_stamps'), [(False, False), (True, True)])
