@@ -133,7 +133,7 @@ class Manager:
         node = client.node
         self.states = []
         self._clock, self._due = 0, 0
-        self.effort = math.nan
+        self.effort, self.lost = math.nan, 0  # commands that are yet to be lost
         self._publisher = node.create_publisher(JointState, '/hardware/joint_commands', 1)
         self._subscriptions = [
             node.create_subscription(
@@ -156,9 +156,10 @@ class Manager:
                 time.sleep(PAUSE)
             self._due = self._clock + self._period
             stamp = self._clock if self._sim_stamps else time.time_ns()
-            self._publisher.publish(
-                stamped(JointState(name=['axis'], effort=[self.effort]), stamp)
-            )
+            command = stamped(JointState(name=['axis'], effort=[self.effort]), stamp)
+            if not self.lost:
+                self._publisher.publish(command)
+            self.lost = max(0, self.lost - 1)
             return condition()
 
         self._client.spin_until(cycle, what)

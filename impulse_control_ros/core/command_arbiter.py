@@ -37,7 +37,7 @@ class CommandArbiter:
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0
         )
         self.age, self.is_foreign = AgeLimit(), False
-        self._lockstep = lockstep
+        self._lockstep, self._any_clock = lockstep, False
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # stamp of the newest applied command, without lockstep
         self._acts_since = 0  # ns of the plant, without lockstep
@@ -78,8 +78,8 @@ class CommandArbiter:
         return verdict
 
     def _is_answer(self, stamp: Stamp, sender: CommandHeader) -> bool:
-        """Return whether a command answers the present state; a foreign clock may be ahead."""
-        is_later = sender.author == FOREIGN and stamp > self._stamp
+        """Return whether a command answers the present state."""
+        is_later = self._any_clock and sender.author == FOREIGN and stamp > self._stamp
         return self.awaiting and (stamp == self._stamp or is_later)
 
     def _is_newest(self, stamp: Stamp, sender: CommandHeader) -> bool:
@@ -99,10 +99,16 @@ class CommandArbiter:
             self._acts_since = min(made, present) if found is Age.FRESH else present
         return found is Age.OLD
 
-    def go_on(self) -> None:
-        """Leave the present state unanswered; the effort is held."""
-        self.awaiting = False
-        self.silence.hear()
+    def let_time_pass(self, for_manager: bool) -> None:
+        """
+        Leave the present state unanswered, with the effort held, if a manager waits for time.
+
+        Its hardware may stamp by the wall clock; its later stamps then count in lockstep.
+        """
+        self._any_clock = for_manager
+        if for_manager:
+            self.awaiting = False
+            self.silence.hear()
 
     @property
     def patience(self) -> float:

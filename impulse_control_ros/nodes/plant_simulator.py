@@ -37,7 +37,6 @@ from impulse_control_ros.errors import DivergedError, UnreadableError
 from impulse_control_ros.files.cdr import COMMANDED, read_header
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.files.topics import JOINT_COMMANDS, RECORDER_PROGRESS
-from impulse_control_ros.nodes.foreign_controllers import ForeignControllers
 from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.plant_outputs import PlantOutputs
@@ -46,6 +45,7 @@ from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
+from impulse_control_ros.nodes.waiting_manager import waits_for_time
 
 ANNOUNCE = 1.0  # s between announcements of a waiting plant: a recorder may have been busy
 HEARTBEAT = 0.25  # s between repeats of a state held only by the wall clock or a pause
@@ -65,7 +65,6 @@ class PlantSimulator(ParameterNode):
         self.outputs = PlantOutputs(self, parameters.joint_name)
         self.arbiter = CommandArbiter(self.run, parameters.lockstep, monotonic())
         self.recorders = RecorderFlowControl(self.clock, parameters.lockstep)
-        self._foreign = ForeignControllers(self)
         self._read = JointStateReader(parameters.joint_name, parse_command, COMMANDED).read
         self.pacer = WallClockPacer()
         self.control = SimulationControl(self)
@@ -158,7 +157,6 @@ class PlantSimulator(ParameterNode):
             return
         if sender.author != before:
             self.recorders.hold()
-            self._foreign.hear()
             self.get_logger().info(f'the active controller is {name_of(sender.author)}')
         if self.parameters.lockstep:
             self._proceed()
@@ -238,8 +236,8 @@ class PlantSimulator(ParameterNode):
             self._report.waiting_for('a controller', now)
             if self.control.quitting:
                 self._end()
-            elif self._foreign.wait_for_time:
-                self.arbiter.go_on()
+            else:
+                self.arbiter.let_time_pass(waits_for_time(self))
         else:
             self.recorders.let_go()
             if not self.has_next:
