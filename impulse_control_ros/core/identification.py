@@ -55,7 +55,7 @@ class Estimate:
 
     ``share`` is the parameter's own part of the effort: the rms of its term made orthogonal to
     the other terms, over the rms of the effort. ``verdict`` is 'identified', or 'not excited: '
-    with the reason; then value and interval are nan, while the standard error is kept.
+    with the reason; then the value is nan, and so is the interval unless it still holds.
     """
 
     name: str
@@ -77,9 +77,9 @@ class WindowSweep:
     """
     The estimates as functions of the window: a right model does not drift with it.
 
-    ``window`` [s] has shape (k,), from T to 4 T; ``values`` and ``standard_errors`` map the names
-    of the symmetric parameters to arrays of shape (k,). ``drift`` maps them to the largest change
-    from the first window, in standard errors.
+    ``window`` [s] has shape (k,), from T to 4 T where the records are long enough. ``values`` and
+    ``standard_errors`` map the names of the symmetric parameters to arrays of shape (k,).
+    ``drift`` maps them to the largest change from the first window, in standard errors.
     """
 
     window: np.ndarray
@@ -109,7 +109,7 @@ class FrictionCurve:
     """
     The friction force by windows in motion, each array of shape (k,).
 
-    ``velocity`` [m/s] is the mean of a window, ``force`` [N] the effort minus m x'' and the offset.
+    ``velocity`` [m/s] is the mean of a window, ``force`` [N] the effort minus m x'' and offset.
     """
 
     velocity: np.ndarray
@@ -135,11 +135,12 @@ class Identification:
     4 T; ``residual`` is the rms of the equation error over the rms of the effort, and
     ``condition`` the condition number of the scaled regressors. ``encoder_step`` [m] and
     ``position_noise`` [m] are of the position, ``velocity_noise`` [m/s] of a measured velocity at
-    rest (nan without one); 0 where none is seen. ``effort_delay`` [s] is the time by which the
-    effort acts late, nan where the motion does not show it.
+    rest (nan without one); 0 where none is seen. ``effort_held`` is how the effort was taken to
+    act: after, sampled or before; ``effort_delay`` [s] is the time by which it acts later than
+    that, with the standard error ``effort_delay_error``; nan and inf where the motion shows none.
 
     ``warnings`` are sentences about the records and the model; ``advice`` says which excitation
-    would identify what is refused. ``time_step`` [s] has one value per record.
+    would identify what is refused. ``time_step`` [s] has one value per piece without a gap.
     """
 
     parameters: Mapping[str, Estimate]
@@ -159,7 +160,9 @@ class Identification:
     encoder_step: float
     position_noise: float
     velocity_noise: float
+    effort_held: str
     effort_delay: float
+    effort_delay_error: float
     time_step: tuple[float, ...]
     warnings: tuple[str, ...] = field(default=())
     advice: tuple[str, ...] = field(default=())

@@ -1,0 +1,147 @@
+"""
+The model of an axis over pieces of records: its fits, the choice of the window, the timing.
+
+==========  ==============  =======  ==========================================================
+symbol      name            unit     meaning
+==========  ==============  =======  ==========================================================
+T           window          s        length of the windows of the weak form
+lambda      attenuation     1        (q^2 / 12 + s_x^2) norm(c2)^2 / var(own regressor of m)
+tau         delay           s        by which the effort acts late: u(t - tau) = u - tau u'
+==========  ==============  =======  ==========================================================
+
+lambda is the part of m that least squares would lose to the noise of the position; the effort as
+instrument loses less. T is the longest window with nearly the least errors of m and d among
+those with lambda below 0.1 %. In a pure PD loop u' is a combination of x' and x'', and tau is not seen.
+"""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from impulse_control_ros.core.axis_record import Samples
+from impulse_control_ros.core.identification import SYMMETRIC
+from impulse_control_ros.core.weak_form import Fit, fit, Windows, windows_of
+
+LEAST_WINDOW = 12  # samples
+LONGEST_WINDOW = 1.0  # s
+ATTENUATION = 1e-3
+LEAST_CLUSTERS = 6
+NEARLY = 1.01  # times the least error: the longest window of those is the most robust
+VISIBLE = 0.1  # independence of the regressor of tau
+ONE_WAY = 0.98  # of the windows in one direction: the other is not seen
+
+
+class AxisModel:
+    """
+    The symmetric model over ``pieces``, with windows computed once for each length.
+
+    ``held`` is one of `HOLDS`. Without ``has_offset`` there is no constant force.
+    """
+
+    def __init__(self, pieces: Sequence[Samples], held: str, has_offset: bool) -> None:
+        self.pieces, self.held, self.has_offset = pieces, held, has_offset
+        self._windows: dict[float, Windows] = {}
+        self._fits: dict[tuple[float, str], Fit | None] = {}
+
+    def windows(self, window: float) -> Windows:
+        """Return the windows of ``window`` [s]."""
+        if window not in self._windows:
+            self._windows[window] = windows_of(self.pieces, window)
+        return self._windows[window]
+
+    def is_one_way(self, window: float) -> bool:
+        """Return whether the motion has one direction only."""
+        sides = np.sign(self.windows(window).friction)
+        return bool(abs(sides.sum()) >= ONE_WAY * len(sides))
+
+    def place(self, window: float) -> list[int]:
+        """
+        Return the columns of the regressors that the motion can tell apart.
+
+        In one direction F_c and the offset are one force, which is that of the offset's column.
+        """
+        if not self.has_offset:
+            return [0, 1, 2]
+        return [0, 1, 3] if self.is_one_way(window) else [0, 1, 2, 3]
+
+    def fit(self, window: float) -> Fit | None:
+        """Return the fit at ``window`` [s], or None if there is too little motion for one."""
+        key = window, self.held
+        if key not in self._fits:
+            regressors = self.windows(window).symmetric[:, self.place(window)]
+            self._fits[key] = self.solved(regressors, window)
+        return self._fits[key]
+
+    def solved(self, regressors: np.ndarray, window: float) -> Fit | None:
+        """Return the fit of other ``regressors`` (k, p), or None if they do not determine it."""
+        windows = self.windows(window)
+        if len(windows.time) < 3 * len(SYMMETRIC) or windows.clusters.max() == 0:
+            return None
+        try:
+            return fit(regressors, windows.effort(self.held), windows.clusters)
+        except np.linalg.LinAlgError:
+            return None
+
+    def attenuation(self, window: float) -> float:
+        """Return lambda."""
+        found, noise = self.fit(window), float(np.mean(self.windows(window).noise ** 2))
+        if found is None or found.own[0] == 0.0:
+            return math.inf
+        return noise / float(found.own[0]) ** 2
+
+    def lengths(self) -> list[float]:
+        """Return the windows [s] to choose from, each sqrt(2) times the one before."""
+        least = LEAST_WINDOW * max(piece.time_step for piece in self.pieces)
+        longest = max(len(piece.position) * piece.time_step for piece in self.pieces)
+        most = min(longest / 8.0, LONGEST_WINDOW)
+        count = int(2.0 * math.log2(max(most / least, 1.0))) + 1
+        return [least * math.sqrt(2.0) ** k for k in range(count)]
+
+    def best_window(self) -> float:
+        """Return T [s]; if noise takes more than 0.1 % at any T, that at which it takes least."""
+        errors: dict[float, float] = {}
+        losses: dict[float, float] = {}
+        for window in self.lengths():
+            found = self.fit(window)
+            if found is None or found.count < LEAST_CLUSTERS:
+                continue
+            losses[window] = self.attenuation(window)
+            if losses[window] < ATTENUATION:
+                errors[window] = float(np.linalg.norm(found.errors[:2] / found.values[:2]))
+                if errors[window] > 2.0 * min(errors.values()):
+                    break
+        if errors:
+            most = NEARLY * min(errors.values())
+            return max(window for window, error in errors.items() if error <= most)
+        return min(losses, key=losses.__getitem__, default=self.lengths()[0])
+
+    def timing_window(self, window: float) -> float:
+        """Return the longest window [s] that keeps 90 % of m's largest share, or ``window``."""
+        shares = {
+            length: float(found.share[0])
+            for length in self.lengths()
+            if (found := self.fit(length)) is not None and found.count >= LEAST_CLUSTERS
+        }
+        most = max(shares.values(), default=math.inf)
+        return max((one for one, share in shares.items() if share >= 0.9 * most), default=window)
+
+    def delay(self, window: float) -> tuple[float, float]:
+        """Return tau [s] and its standard error; nan and inf if it is not known to one sample."""
+        windows = self.windows(window)
+        change = (windows.efforts[:, 2] - windows.efforts[:, 0]) / (2.0 * windows.time_step)
+        terms = windows.symmetric[:, self.place(window)]
+        found = self.solved(np.column_stack([terms, change]), window)
+        if found is None or found.independence[-1] < VISIBLE:
+            return math.nan, math.inf
+        late, error = float(found.values[-1]), float(found.errors[-1])
+        return (late, error) if error < windows.time_step.max() else (math.nan, math.inf)
+
+    def shown_hold(self, window: float) -> str:
+        """Return the hold whose timing is nearest to that of the motion, or the present one."""
+        late, error = self.delay(window)
+        step = float(np.median([piece.time_step for piece in self.pieces]))
+        if error > 0.15 * step:
+            return self.held
+        early = {'after': 0.0, 'sampled': 0.5 * step, 'before': step}
+        return min(early, key=lambda held: abs(late - early[self.held] + early[held]))
