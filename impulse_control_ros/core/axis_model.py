@@ -10,8 +10,9 @@ tau         delay           s        by which the effort acts late: u(t - tau) =
 ==========  ==============  =======  ==========================================================
 
 lambda is the part of m that least squares would lose to the noise of the position; the effort as
-instrument loses less. T is the longest window with nearly the least errors of m and d among
-those with lambda below 0.1 %. In a pure PD loop u' is a combination of x' and x'', and tau is not seen.
+instrument loses less. T is the shortest window with lambda below 0.1 %: over longer ones, what the
+model lacks (friction near a reversal, the instant of a stop) weighs more than the noise. In a pure
+PD loop u' is a combination of x' and x'', and tau is not seen.
 """
 
 from collections.abc import Sequence
@@ -21,13 +22,12 @@ import numpy as np
 
 from impulse_control_ros.core.axis_record import Samples
 from impulse_control_ros.core.identification import SYMMETRIC
-from impulse_control_ros.core.weak_form import Fit, fit, Windows, windows_of
+from impulse_control_ros.core.weak_form import Fit, fit, HOLDS, Windows, windows_of
 
-LEAST_WINDOW = 12  # samples
+LEAST_WINDOW = 16  # samples
 LONGEST_WINDOW = 1.0  # s
 ATTENUATION = 1e-3
 LEAST_CLUSTERS = 6
-NEARLY = 1.01  # times the least error: the longest window of those is the most robust
 VISIBLE = 0.1  # independence of the regressor of tau
 ONE_WAY = 0.98  # of the windows in one direction: the other is not seen
 
@@ -100,20 +100,13 @@ class AxisModel:
 
     def best_window(self) -> float:
         """Return T [s]; if noise takes more than 0.1 % at any T, that at which it takes least."""
-        errors: dict[float, float] = {}
         losses: dict[float, float] = {}
         for window in self.lengths():
             found = self.fit(window)
-            if found is None or found.count < LEAST_CLUSTERS:
-                continue
-            losses[window] = self.attenuation(window)
-            if losses[window] < ATTENUATION:
-                errors[window] = float(np.linalg.norm(found.errors[:2] / found.values[:2]))
-                if errors[window] > 2.0 * min(errors.values()):
-                    break
-        if errors:
-            most = NEARLY * min(errors.values())
-            return max(window for window, error in errors.items() if error <= most)
+            if found is not None and found.count >= LEAST_CLUSTERS:
+                losses[window] = self.attenuation(window)
+                if losses[window] < ATTENUATION:
+                    return window
         return min(losses, key=losses.__getitem__, default=self.lengths()[0])
 
     def timing_window(self, window: float) -> float:
@@ -138,10 +131,11 @@ class AxisModel:
         return (late, error) if error < windows.time_step.max() else (math.nan, math.inf)
 
     def shown_hold(self, window: float) -> str:
-        """Return the hold whose timing is nearest to that of the motion, or the present one."""
+        """Return the first of `HOLDS` whose timing is that of the motion, within two errors."""
         late, error = self.delay(window)
         step = float(np.median([piece.time_step for piece in self.pieces]))
         if error > 0.15 * step:
             return self.held
-        early = {'after': 0.0, 'sampled': 0.5 * step, 'before': step}
-        return min(early, key=lambda held: abs(late - early[self.held] + early[held]))
+        early = dict(zip(HOLDS, (0.0, 0.5 * step, step), strict=True))
+        away = {held: abs(late - early[self.held] + early[held]) for held in HOLDS}
+        return next(held for held in HOLDS if away[held] <= min(away.values()) + 2.0 * error)

@@ -26,6 +26,7 @@ GAP = 3.5  # samples: a longer step of the time divides a record
 MOST_STEPS = 1e5  # of the encoder in one sample
 CHUNK = 64  # samples of one estimate of the noise
 LAG_SMOOTHING = 0.02  # s
+FAST = 0.1  # of the largest speed
 REST = 0.01  # of the rms velocity: a slower axis counts as standing
 
 
@@ -171,37 +172,38 @@ def encoder_step(position: np.ndarray) -> float:
 
 def _with_noise(samples: Samples) -> Samples:
     """Return the samples with the noise of position and velocity, at rest where there is rest."""
-    still = _rest_chunks(samples)
+    drift = _drift(samples.position)
+    still = drift <= REST * np.sqrt(np.mean(drift**2))
     position = _chunk_variance(samples.position, still) - samples.encoder_step**2 / 12.0
-    at_rest, in_motion, exact = np.nan, np.nan, False
+    at_rest, exact = np.nan, False
     if samples.velocity is not None:
-        at_rest, in_motion = (
-            float(np.sqrt(_chunk_variance(samples.velocity, some))) for some in (still, ~still)
-        )
-        exact = _is_exact(samples, in_motion)
+        at_rest = float(np.sqrt(_chunk_variance(samples.velocity, still)))
+        exact = _is_exact(samples, drift > FAST * drift.max())
     return replace(
         samples,
         position_noise=float(np.sqrt(max(position, 0.0))),
-        velocity_noise=in_motion if exact else at_rest,
+        velocity_noise=at_rest,
         is_exact=exact,
     )
 
 
-def _is_exact(samples: Samples, noise: float) -> bool:
-    """Return whether the measured velocity tells its sign at each sample: no noise and no lag."""
+def _is_exact(samples: Samples, fast: np.ndarray) -> bool:
+    """Return whether the measured velocity shows its sign at each sample: no noise, no lag."""
     assert samples.velocity is not None
     length = max(round(LAG_SMOOTHING / samples.time_step / 3.0), 1)
     speed = _derivative(smooth(samples.position, length), samples.time_step)
-    rms = float(np.sqrt(np.mean(speed**2)))
-    late = float(np.sqrt(np.mean((smooth(samples.velocity, length) - speed) ** 2)))
-    return noise < 1e-3 * rms and late < 1e-2 * rms
+    late = np.abs(smooth(samples.velocity, length) - speed)
+    moving = np.abs(speed) > FAST * np.abs(speed).max()
+    typical = float(np.median(np.abs(speed[moving]))) if moving.any() else 0.0
+    noise = float(np.sqrt(_chunk_variance(samples.velocity, fast)))
+    return noise < 1e-3 * typical and float(np.median(late[moving])) < 1e-2 * typical
 
 
-def _chunk_variance(signal: np.ndarray, still: np.ndarray) -> float:
+def _chunk_variance(signal: np.ndarray, some: np.ndarray) -> float:
     """Return the variance of white noise on a smooth signal: its fourth difference, over 70."""
     chunks = _chunks(signal)
     fourth = np.diff(chunks, 4, axis=1)
-    return float(np.median((fourth[still] if still.any() else fourth).var(axis=1)) / 70.0)
+    return float(np.median((fourth[some] if some.any() else fourth).var(axis=1)) / 70.0)
 
 
 def _chunks(signal: np.ndarray) -> np.ndarray:
@@ -210,13 +212,11 @@ def _chunks(signal: np.ndarray) -> np.ndarray:
     return signal[: count * size].reshape(count, size)
 
 
-def _rest_chunks(samples: Samples) -> np.ndarray:
-    """Return the chunks in which the axis stands, as bools of shape (k,)."""
-    chunks = _chunks(samples.position)
+def _drift(position: np.ndarray) -> np.ndarray:
+    """Return how far [m] the axis moves in half of each chunk, shape (k,)."""
+    chunks = _chunks(position)
     half = chunks.shape[1] // 2
-    drift = np.abs(chunks[:, half:].mean(axis=1) - chunks[:, :half].mean(axis=1))
-    still: np.ndarray = drift <= REST * np.sqrt(np.mean(drift**2))
-    return still
+    return np.asarray(np.abs(chunks[:, half:].mean(axis=1) - chunks[:, :half].mean(axis=1)))
 
 
 def direction_of(samples: Samples, smoothing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +233,7 @@ def direction_of(samples: Samples, smoothing: float) -> tuple[np.ndarray, np.nda
     measured, exact = samples.velocity, samples.is_exact
     margin = 0 if exact else (3 * length) // 2 + 1
     if exact and measured is not None:
-        speed, least = measured, 4.0 * samples.velocity_noise
+        speed, least = measured, 0.0
     else:
         # the derivative of a triple box of total length 3 L on white noise of the position
         noise = np.sqrt(samples.variance * 1.5 / (3 * length) ** 3) * 6.0 / samples.time_step
