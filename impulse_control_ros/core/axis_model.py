@@ -28,6 +28,8 @@ LEAST_WINDOW = 16  # samples
 LONGEST_WINDOW = 1.0  # s
 ATTENUATION = 1e-3
 LEAST_CLUSTERS = 6
+CLEARLY = 0.7  # times
+EXACT = 1e-6  # residual: nothing is left to explain
 VISIBLE = 0.1  # independence of the regressor of tau
 ONE_WAY = 0.98  # of the windows in one direction: the other is not seen
 
@@ -42,7 +44,7 @@ class AxisModel:
     def __init__(self, pieces: Sequence[Samples], held: str, has_offset: bool) -> None:
         self.pieces, self.held, self.has_offset = pieces, held, has_offset
         self._windows: dict[float, Windows] = {}
-        self._fits: dict[tuple[float, str], Fit | None] = {}
+        self._fits: dict[tuple[float, str], tuple[Fit | None, Fit | None]] = {}
 
     def windows(self, window: float) -> Windows:
         """Return the windows of ``window`` [s]."""
@@ -66,20 +68,42 @@ class AxisModel:
         return [0, 1, 3] if self.is_one_way(window) else [0, 1, 2, 3]
 
     def fit(self, window: float) -> Fit | None:
-        """Return the fit at ``window`` [s], or None if there is too little motion for one."""
+        """
+        Return the fit at ``window`` [s], or None if there is too little motion for one.
+
+        It lets d vary by block where that makes the error of m clearly less.
+        """
+        steady, varying = self._both(window)
+        if steady is None or varying is None or not self.varies(window):
+            return steady
+        return varying if varying.errors[0] < CLEARLY * steady.errors[0] else steady
+
+    def varies(self, window: float) -> bool:
+        """Return whether a damping that varies explains clearly more of the effort."""
+        steady, varying = self._both(window)
+        if steady is None or varying is None:
+            return False
+        return EXACT < varying.residual < CLEARLY * steady.residual
+
+    def _both(self, window: float) -> tuple[Fit | None, Fit | None]:
+        """Return the fits with constant d and with d by block."""
         key = window, self.held
         if key not in self._fits:
             regressors = self.windows(window).symmetric[:, self.place(window)]
-            self._fits[key] = self.solved(regressors, window)
+            self._fits[key] = (
+                self.solved(regressors, window),
+                self.solved(regressors, window, varies=True),
+            )
         return self._fits[key]
 
-    def solved(self, regressors: np.ndarray, window: float) -> Fit | None:
+    def solved(self, regressors: np.ndarray, window: float, varies: bool = False) -> Fit | None:
         """Return the fit of other ``regressors`` (k, p), or None if they do not determine it."""
         windows = self.windows(window)
         if len(windows.time) < 3 * len(SYMMETRIC) or windows.clusters.max() == 0:
             return None
         try:
-            return fit(regressors, windows.effort(self.held), windows.clusters)
+            blocks = windows.blocks if varies else None
+            return fit(regressors, windows.effort(self.held), windows.clusters, blocks)
         except np.linalg.LinAlgError:
             return None
 

@@ -23,6 +23,7 @@ from impulse_control_ros.core.weak_form import Windows
 
 LARGEST_ERROR = 0.15  # of d_j
 MISSED = 0.05  # probability that d_bar is below the damping of a block
+NORMAL_QUARTILE = 0.6745  # median of abs(z)
 NEIGHBOURS = 1.5  # block lengths between the middles of blocks that follow each other
 
 
@@ -35,6 +36,12 @@ def damping_blocks(
     ``values`` (4,) and ``covariance`` (4, 4) are of m, d, F_c, offset over the whole record.
     """
     others = [0, 2, 3]
+    if not len(windows.time):
+        empty = np.zeros(0)
+        return DampingBlocks(
+            duration=windows.window, record=windows.record, time=empty, d=empty,
+            standard_error=empty,
+        )  # fmt: skip
     terms = windows.symmetric[:, others]
     travel = np.where(windows.damping == 0.0, np.nan, windows.damping)
     d = (effort - terms @ values[others]) / travel
@@ -57,14 +64,13 @@ def _force_error(windows: Windows, left_over: np.ndarray) -> np.ndarray:
     """
     Return the standard deviation (k,) [N s] of forces that the model lacks.
 
-    What a fit of constant d leaves over grows with the speed if d varies, and does not if the
-    friction is not as the model has it: its square is a sum of both, by least squares.
+    It is what a fit of constant d leaves over in the slowest quarter of the blocks, where a
+    damping that varies leaves little.
     """
-    scale = np.column_stack([windows.offset**2, windows.damping**2])
-    part = np.linalg.lstsq(scale, left_over**2, rcond=None)[0]
-    if part[1] < 0.0:
-        part[0] = np.mean(left_over**2) / np.mean(windows.offset**2)
-    return np.asarray(np.sqrt(max(part[0], 0.0)) * windows.offset)
+    speed = np.abs(windows.damping / windows.offset)
+    slow = speed <= np.quantile(speed, 0.25)
+    force = np.median(np.abs(left_over / windows.offset)[slow]) / NORMAL_QUARTILE
+    return np.asarray(force * windows.offset)
 
 
 def bound_of(blocks: DampingBlocks) -> float:

@@ -9,8 +9,9 @@ A parameter is refused, in this order, if
   taken for it, whatever its standard error;
 * its standard error is above 10 % of its value. Then its interval still holds.
 
-A force known to 1 % of the rms effort is identified also where it is zero. The residual says
-nothing against d where it is d(t) that varies, which its blocks show.
+A force known to 1 % of the rms effort is identified also where it is zero. Where d(t) varies, that
+is most of the residual. It says nothing against d then, which its blocks show, and the intervals
+of the forces hold.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -88,8 +89,14 @@ def estimates_of(
         elif column is None:  # an axis without offset
             estimates[name] = unfitted(name, IDENTIFIED, value=0.0)
         else:
-            varies = name.startswith('d') and shown_time(blocks) >= LEAST_BLOCKS
-            estimates[name] = _estimate(found, column, name, effort, varies)
+            estimates[name] = _estimate(
+                found,
+                column,
+                name,
+                effort,
+                shown=name.startswith('d') and shown_time(blocks) >= LEAST_BLOCKS,
+                varies=name != 'm' and model.varies(window),
+            )
     return estimates
 
 
@@ -106,11 +113,13 @@ def unfitted(name: str, verdict: str, value: float = math.nan) -> Estimate:
     )
 
 
-def _estimate(found: Fit, column: int, name: str, effort: float, varies: bool) -> Estimate:
+def _estimate(
+    found: Fit, column: int, name: str, effort: float, shown: bool, varies: bool
+) -> Estimate:
     value, error = float(found.values[column]), float(found.errors[column])
     half = student(0.975, found.count - 1) * error
     is_known = UNITS[name] == 'N' and half < SMALL_FORCE * effort
-    why, holds = _reason(found, column, is_known, varies)
+    why, holds = _reason(found, column, is_known, shown, varies)
     return Estimate(
         name=name,
         value=math.nan if why else value,
@@ -122,7 +131,9 @@ def _estimate(found: Fit, column: int, name: str, effort: float, varies: bool) -
     )
 
 
-def _reason(found: Fit, column: int, is_known: bool, varies: bool) -> tuple[str, bool]:
+def _reason(
+    found: Fit, column: int, is_known: bool, shown: bool, varies: bool
+) -> tuple[str, bool]:
     """Return why a parameter is refused, or '', and whether its interval holds."""
     value, error = abs(float(found.values[column])), float(found.errors[column])
     share = float(found.share[column])
@@ -135,11 +146,11 @@ def _reason(found: Fit, column: int, is_known: bool, varies: bool) -> tuple[str,
             f'{found.condition:.3g}, at most {LARGEST_CONDITION:g})',
             False,
         )
-    if share < found.residual and not varies:
+    if share < found.residual and not shown:
         return (
             f'its share of the effort, {share:.1%}, is below what the model leaves over, '
             f'{found.residual:.1%}',
-            False,
+            varies,
         )
     if error > LARGEST_ERROR * value and not is_known:
         return f'its standard error is {error / value:.0%} of its value, at most 10 %', True

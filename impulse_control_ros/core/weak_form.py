@@ -15,7 +15,8 @@ V           ...             -        covariance of the estimates, by leaving out
 
 The position is never differentiated. The effort is the instrument of the acceleration (Janot et
 al. 2014): noise of the position and a damping that varies, which both disturb the acceleration,
-would bias m in least squares. Windows overlap, and friction that is not as the model has it stays
+would bias m in least squares. Where d varies, only what happens within blocks of 60 ms counts for
+m, F_c and o. Windows overlap, and friction that is not as the model has it stays
 so for long: white standard errors are 2 to 6 times too small. So the covariance is that of a
 jackknife over clusters of about 1 s.
 """
@@ -41,6 +42,7 @@ HOLDS = {
 LONGEST_SMOOTHING = 0.05  # s, for the sign of the velocity
 CLUSTER = 1.0  # s
 CLUSTERS = 20  # at least, of a short record
+STEADY = 0.06  # s over which d is taken as constant where it varies
 BLOCK = 1 << 22  # values of the windows in memory at once
 
 
@@ -94,9 +96,16 @@ class Windows:
 
     @cached_property
     def clusters(self) -> np.ndarray:
-        """The cluster of each window: 0, 1, ..., shape (k,)."""
+        """The cluster of each window, for the errors: 0, 1, ..., shape (k,)."""
         moving = len(self.time) * self.window / 4.0
-        length = max(min(CLUSTER, moving / CLUSTERS), 2.0 * self.window)
+        return self._parts(max(min(CLUSTER, moving / CLUSTERS), 2.0 * self.window))
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """The block of each window, within which d is constant: 0, 1, ..., shape (k,)."""
+        return self._parts(max(STEADY, 3.0 * self.window))
+
+    def _parts(self, length: float) -> np.ndarray:
         place = np.floor((self.time - self.time.min()) / length).astype(np.int64)
         return np.unique(self.piece * (place.max() + 1) + place, return_inverse=True)[1]
 
@@ -195,20 +204,21 @@ class Fit:
     """
     A fit of p parameters to k windows.
 
-    ``values`` (p,); ``covariance`` (p, p) by the jackknife over ``count`` clusters. ``own`` (p,) is
-    the rms of each regressor made orthogonal to the others, and ``independence`` (p,) its part of
+    ``values`` (p,); ``covariance`` (p, p) by the jackknife over ``count`` clusters. ``own`` (p,)
+    is the rms of each regressor made orthogonal to the others, ``independence`` (p,) its part of
     the whole rms. ``share`` (p,) and ``residual`` are those of least squares, over the rms effort;
-    ``condition`` is that of the scaled regressors.
+    ``condition`` is that of the scaled regressors. ``varies`` says that d may vary by block.
     """
 
     values: np.ndarray
     covariance: np.ndarray
-    share: np.ndarray
     own: np.ndarray
     independence: np.ndarray
+    share: np.ndarray
     residual: float
     condition: float
     count: int
+    varies: bool
 
     @property
     def errors(self) -> np.ndarray:
@@ -216,37 +226,60 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit(regressors: np.ndarray, effort: np.ndarray, clusters: np.ndarray) -> Fit:
+def fit(
+    regressors: np.ndarray,
+    effort: np.ndarray,
+    clusters: np.ndarray,
+    blocks: np.ndarray | None = None,
+) -> Fit:
     """
-    Fit ``effort`` (k,) by ``regressors`` (k, p), of which the first is the inertia.
+    Fit ``effort`` (k,) by ``regressors`` (k, p), of which the first two are inertia and damping.
 
-    The instruments are the effort and the regressors but the first. Raises
-    `numpy.linalg.LinAlgError` if these are not independent.
+    The instruments are the effort and the regressors but the first. With ``blocks`` (k,), 0, 1,
+    ..., d may differ from block to block: the instruments but that of d are made orthogonal to the
+    damping in each block, and d is the mean. Raises `numpy.linalg.LinAlgError` if the instruments
+    do not determine the parameters.
     """
+    given, kept = np.column_stack([effort, regressors[:, 1:]]), regressors
+    if blocks is not None:
+        travel = regressors[:, 1]
+        given, kept = _without(given, travel, blocks), _without(kept, travel, blocks)
+        given[:, 1] = kept[:, 1] = travel
     terms, scale = _scaled(regressors)
-    instruments = _scaled(np.column_stack([effort, regressors[:, 1:]]))[0]
-    count, size = int(clusters.max()) + 1, terms.shape[1]
+    instruments, count = _scaled(given)[0], int(clusters.max()) + 1
     left = _by_cluster(instruments, terms, clusters, count)
     right = _by_cluster(instruments, effort[:, None], clusters, count)[:, :, 0]
     values = np.linalg.solve(left.sum(axis=0), right.sum(axis=0))
     without = left.sum(axis=0) - left, right.sum(axis=0) - right
     moved = np.linalg.solve(without[0], without[1][:, :, None])[:, :, 0] - values
     covariance = moved.T @ moved * (count - 1) / count
-    normal = terms.T @ terms / len(effort)
+    kept = kept / scale
+    normal = kept.T @ kept / len(effort)
     eigenvalues = np.linalg.eigvalsh(normal)
-    independence = np.array([_independence(normal, j) for j in range(size)])
-    least_squares = np.linalg.lstsq(terms, effort, rcond=1e-12)[0]
-    left_over, rms = effort - terms @ least_squares, float(np.sqrt(np.mean(effort**2)))
+    size = np.sqrt(np.diag(normal))
+    own = np.array([_own(normal, j) for j in range(len(values))])
+    explained = given[:, 0] if blocks is None else given[:, 0] + values[1] * kept[:, 1]
+    least_squares = np.linalg.lstsq(kept, explained, rcond=1e-12)[0]
+    left_over, rms = explained - kept @ least_squares, float(np.sqrt(np.mean(effort**2)))
     return Fit(
         values=values / scale,
         covariance=covariance / np.outer(scale, scale),
-        share=np.abs(least_squares) * independence / rms,
-        own=independence * scale,
-        independence=independence,
+        own=own * scale,
+        independence=own / np.where(size > 0.0, size, 1.0),
+        share=np.abs(least_squares) * own / rms,
         residual=float(np.sqrt(np.mean(left_over**2))) / rms,
         condition=math.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-30)),
         count=count,
+        varies=blocks is not None,
     )
+
+
+def _without(columns: np.ndarray, travel: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Return the columns made orthogonal to ``travel`` within each block."""
+    square = np.bincount(blocks, travel**2)
+    square[square == 0.0] = 1.0
+    inner = np.column_stack([np.bincount(blocks, travel * column) for column in columns.T])
+    return np.asarray(columns - travel[:, None] * (inner / square[:, None])[blocks])
 
 
 def _scaled(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -267,8 +300,8 @@ def _by_cluster(
     return sums
 
 
-def _independence(normal: np.ndarray, j: int) -> float:
-    """Return the rms of scaled regressor j made orthogonal to the others, from 0 to 1."""
+def _own(normal: np.ndarray, j: int) -> float:
+    """Return the rms of regressor j made orthogonal to the others."""
     others = np.delete(np.arange(len(normal)), j)
     cross = normal[j, others]
     inner = np.linalg.pinv(normal[np.ix_(others, others)], rcond=1e-12, hermitian=True)
