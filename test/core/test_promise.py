@@ -25,7 +25,7 @@ GAINS = ControlGains()
 
 
 def first_zero_of(gains, dampings, lengths):
-    """Return when the ideal loop first has e = 0 under d(t) constant in pieces; the last goes on."""
+    """Return when the ideal loop first has e = 0 under d(t) constant in pieces."""
     e, v, time = 1.0, -gains.d_bar / (gains.c * gains.m) if gains.impulses else 0.0, 0.0
     for d, length in zip(dampings, [*lengths, math.inf], strict=True):
         rate, stiffness = (d + gains.D) / (2.0 * gains.m), gains.K / gains.m
