@@ -99,7 +99,8 @@ class AxisModel:
     def solved(self, regressors: np.ndarray, window: float, varies: bool = False) -> Fit | None:
         """Return the fit of other ``regressors`` (k, p), or None if they do not determine it."""
         windows = self.windows(window)
-        if len(windows.time) < 3 * len(SYMMETRIC) or windows.clusters.max() == 0:
+        # 4 clusters at least: Student's distribution of 3 degrees of freedom
+        if len(windows.time) < 3 * len(SYMMETRIC) or windows.clusters.max() < 3:
             return None
         try:
             blocks = windows.blocks if varies else None
@@ -109,10 +110,10 @@ class AxisModel:
 
     def attenuation(self, window: float) -> float:
         """Return lambda."""
-        found, noise = self.fit(window), float(np.mean(self.windows(window).noise ** 2))
+        found = self.fit(window)
         if found is None or found.own[0] == 0.0:
             return math.inf
-        return noise / float(found.own[0]) ** 2
+        return float(np.mean(self.windows(window).noise ** 2)) / float(found.own[0]) ** 2
 
     def lengths(self) -> list[float]:
         """Return the windows [s] to choose from, each sqrt(2) times the one before."""

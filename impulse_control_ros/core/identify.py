@@ -201,7 +201,7 @@ def _sweep(model: AxisModel, window: float) -> WindowSweep:
     for k in range(SWEEP):
         length = window * math.sqrt(2.0) ** k
         found = model.fit(length)
-        if found is not None and found.count > len(SYMMETRIC):
+        if found is not None:
             lengths.append(length)
             fits.append((*_all_values(model, length, found),))
     values = np.array([one for one, _ in fits]).reshape(-1, 4)
