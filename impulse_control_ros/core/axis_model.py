@@ -22,7 +22,7 @@ import numpy as np
 
 from impulse_control_ros.core.axis_record import Samples
 from impulse_control_ros.core.identification import SYMMETRIC
-from impulse_control_ros.core.weak_form import Fit, fit, HOLDS, Windows, windows_of
+from impulse_control_ros.core.weak_form import Fit, fit, HOLDS, Windows, windows_of, within_blocks
 
 LEAST_WINDOW = 16  # samples
 LONGEST_WINDOW = 1.0  # s
@@ -30,6 +30,7 @@ ATTENUATION = 1e-3
 LEAST_CLUSTERS = 6
 CLEARLY = 0.7  # times
 EXACT = 1e-6  # residual: nothing is left to explain
+NORMAL_QUARTILE = 0.6745  # median of abs(z)
 VISIBLE = 0.1  # independence of the regressor of tau
 ONE_WAY = 0.98  # of the windows in one direction: the other is not seen
 
@@ -114,6 +115,30 @@ class AxisModel:
         if found is None or found.own[0] == 0.0:
             return math.inf
         return float(np.mean(self.windows(window).noise ** 2)) / float(found.own[0]) ** 2
+
+    def values(self, window: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return values (4,) and covariance (4, 4) of m, d, F_c, offset, 0 where not fitted."""
+        values, covariance, found = np.zeros(4), np.zeros((4, 4)), self.fit(window)
+        if found is not None:
+            place = self.place(window)
+            values[place] = found.values
+            covariance[np.ix_(place, place)] = found.covariance
+        return values, covariance
+
+    def lacking_force(self, window: float) -> float:
+        """
+        Return the standard deviation [N] of the friction that the model lacks.
+
+        It is what the fit leaves over in the slowest quarter of the windows, where a damping that
+        varies leaves little; if d varies, what is left within the blocks of constant d.
+        """
+        windows = self.windows(window)
+        left_over = windows.effort(self.held) - windows.symmetric @ self.values(window)[0]
+        if self.varies(window):
+            left_over = within_blocks(left_over[:, None], windows.damping, windows.blocks)[:, 0]
+        speed = np.abs(windows.damping / windows.offset)
+        slow = speed <= np.quantile(speed, 0.25)
+        return float(np.median(np.abs(left_over / windows.offset)[slow])) / NORMAL_QUARTILE
 
     def lengths(self) -> list[float]:
         """Return the windows [s] to choose from, each sqrt(2) times the one before."""

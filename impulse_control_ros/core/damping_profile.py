@@ -23,17 +23,21 @@ from impulse_control_ros.core.weak_form import Windows
 
 LARGEST_ERROR = 0.15  # of d_j
 MISSED = 0.05  # probability that d_bar is below the damping of a block
-NORMAL_QUARTILE = 0.6745  # median of abs(z)
 NEIGHBOURS = 1.5  # block lengths between the middles of blocks that follow each other
 
 
 def damping_blocks(
-    windows: Windows, effort: np.ndarray, values: np.ndarray, covariance: np.ndarray
+    windows: Windows,
+    effort: np.ndarray,
+    values: np.ndarray,
+    covariance: np.ndarray,
+    force: float,
 ) -> DampingBlocks:
     """
     Return d by blocks from windows that do not overlap and their ``effort`` (k,) [N s].
 
-    ``values`` (4,) and ``covariance`` (4, 4) are of m, d, F_c, offset over the whole record.
+    ``values`` (4,) and ``covariance`` (4, 4) are of m, d, F_c, offset over the whole record;
+    ``force`` [N] is the standard deviation of the friction that the model lacks.
     """
     others = [0, 2, 3]
     if not len(windows.time):
@@ -48,7 +52,7 @@ def damping_blocks(
     slope = terms / travel[:, None]
     first = np.einsum('ki,ij,kj->k', slope, covariance[np.ix_(others, others)], slope)
     noise = (values[0] * windows.noise) ** 2 + (d * windows.damping_noise) ** 2
-    noise += _force_error(windows, effort - windows.symmetric @ values) ** 2
+    noise += (force * windows.offset) ** 2
     error = np.sqrt(first + noise / travel**2)
     kept = error < LARGEST_ERROR * d  # false where d is nan or negative
     return DampingBlocks(
@@ -58,19 +62,6 @@ def damping_blocks(
         d=d[kept],
         standard_error=error[kept],
     )
-
-
-def _force_error(windows: Windows, left_over: np.ndarray) -> np.ndarray:
-    """
-    Return the standard deviation (k,) [N s] of forces that the model lacks.
-
-    It is what a fit of constant d leaves over in the slowest quarter of the blocks, where a
-    damping that varies leaves little.
-    """
-    speed = np.abs(windows.damping / windows.offset)
-    slow = speed <= np.quantile(speed, 0.25)
-    force = np.median(np.abs(left_over / windows.offset)[slow]) / NORMAL_QUARTILE
-    return np.asarray(force * windows.offset)
 
 
 def bound_of(blocks: DampingBlocks) -> float:

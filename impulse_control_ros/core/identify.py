@@ -37,7 +37,7 @@ from impulse_control_ros.core.verdicts import (
     Facts,
     warnings_on,
 )
-from impulse_control_ros.core.weak_form import Fit, HOLDS, windows_of
+from impulse_control_ros.core.weak_form import HOLDS, windows_of
 
 BLOCK = 0.03  # s, of d(t)
 LEAST_DRIFT = 0.005  # of a value: a smaller drift does not matter
@@ -97,7 +97,7 @@ def identify(
 def _identified(model: AxisModel, window: float) -> Identification:
     """Return the result at the window T [s]."""
     found = model.fit(window)
-    blocks = NO_BLOCKS if found is None else _blocks(model, window, found)
+    blocks = NO_BLOCKS if found is None else _blocks(model, window)
     parameters = estimates_of(model, window, blocks)
     asymmetric, z = _by_direction(model, window, blocks)
     late, late_error = model.delay(model.timing_window(window))
@@ -150,21 +150,14 @@ def _range(blocks: DampingBlocks) -> tuple[float, float]:
     return float(blocks.d.min()), float(blocks.d.max())
 
 
-def _all_values(model: AxisModel, window: float, found: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Return values (4,) and covariance (4, 4) of the symmetric parameters, 0 where not fitted."""
-    values, covariance = np.zeros(4), np.zeros((4, 4))
-    place = model.place(window)
-    values[place] = found.values
-    covariance[np.ix_(place, place)] = found.covariance
-    return values, covariance
-
-
-def _blocks(model: AxisModel, window: float, found: Fit) -> DampingBlocks:
+def _blocks(model: AxisModel, window: float) -> DampingBlocks:
     """Return d by blocks of 30 ms, or of T if the position is too coarse for that."""
     least = 4.0 * max(one.time_step for one in model.pieces)
     length = max(BLOCK, least, window if model.attenuation(BLOCK) > 0.1 else 0.0)
     windows = windows_of(model.pieces, length, spacing=1.0)
-    return damping_blocks(windows, windows.effort(model.held), *_all_values(model, window, found))
+    values, covariance = model.values(window)
+    force = model.lacking_force(window)
+    return damping_blocks(windows, windows.effort(model.held), values, covariance, force)
 
 
 def _forces(model: AxisModel, window: float) -> FrictionCurve:
@@ -172,7 +165,7 @@ def _forces(model: AxisModel, window: float) -> FrictionCurve:
     found, windows = model.fit(window), model.windows(window)
     if found is None:
         return FrictionCurve(velocity=np.zeros(0), force=np.zeros(0))
-    values, _ = _all_values(model, window, found)
+    values, _ = model.values(window)
     rest = windows.effort(model.held) - values[0] * windows.inertia
     offset = values[3] if not model.is_one_way(window) else 0.0
     return FrictionCurve(
@@ -203,7 +196,7 @@ def _sweep(model: AxisModel, window: float) -> WindowSweep:
         found = model.fit(length)
         if found is not None:
             lengths.append(length)
-            fits.append((*_all_values(model, length, found),))
+            fits.append(model.values(length))
     values = np.array([one for one, _ in fits]).reshape(-1, 4)
     errors = np.array([np.sqrt(np.diag(one)) for _, one in fits]).reshape(-1, 4)
     allowed = np.maximum(np.maximum(errors, errors[:1]), LEAST_DRIFT * np.abs(values[:1]))

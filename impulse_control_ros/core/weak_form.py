@@ -243,7 +243,7 @@ def fit(
     given, kept = np.column_stack([effort, regressors[:, 1:]]), regressors
     if blocks is not None:
         travel = regressors[:, 1]
-        given, kept = _without(given, travel, blocks), _without(kept, travel, blocks)
+        given, kept = within_blocks(given, travel, blocks), within_blocks(kept, travel, blocks)
         given[:, 1] = kept[:, 1] = travel
     terms, scale = _scaled(regressors)
     instruments, count = _scaled(given)[0], int(clusters.max()) + 1
@@ -274,7 +274,7 @@ def fit(
     )
 
 
-def _without(columns: np.ndarray, travel: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+def within_blocks(columns: np.ndarray, travel: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Return the columns made orthogonal to ``travel`` within each block."""
     square = np.bincount(blocks, travel**2)
     square[square == 0.0] = 1.0
