@@ -45,7 +45,7 @@ class AxisModel:
     def __init__(self, pieces: Sequence[Samples], held: str, has_offset: bool) -> None:
         self.pieces, self.held, self.has_offset = pieces, held, has_offset
         self._windows: dict[float, Windows] = {}
-        self._fits: dict[tuple[float, str], tuple[Fit | None, Fit | None]] = {}
+        self._fits: dict[tuple[float, str, bool], Fit | None] = {}
 
     def windows(self, window: float) -> Windows:
         """Return the windows of ``window`` [s]."""
@@ -74,27 +74,26 @@ class AxisModel:
 
         It lets d vary by block where that makes the error of m clearly less.
         """
-        steady, varying = self._both(window)
-        if steady is None or varying is None or not self.varies(window):
+        steady = self.fit_of(window)
+        if steady is None or not self.varies(window):
             return steady
+        varying = self.fit_of(window, varies=True)
+        assert varying is not None
         return varying if varying.errors[0] < CLEARLY * steady.errors[0] else steady
 
     def varies(self, window: float) -> bool:
         """Return whether a damping that varies explains clearly more of the effort."""
-        steady, varying = self._both(window)
+        steady, varying = self.fit_of(window), self.fit_of(window, varies=True)
         if steady is None or varying is None:
             return False
         return EXACT < varying.residual < CLEARLY * steady.residual
 
-    def _both(self, window: float) -> tuple[Fit | None, Fit | None]:
-        """Return the fits with constant d and with d by block."""
-        key = window, self.held
+    def fit_of(self, window: float, varies: bool = False) -> Fit | None:
+        """Return the fit with constant d, or with d by block."""
+        key = window, self.held, varies
         if key not in self._fits:
             regressors = self.windows(window).symmetric[:, self.place(window)]
-            self._fits[key] = (
-                self.solved(regressors, window),
-                self.solved(regressors, window, varies=True),
-            )
+            self._fits[key] = self.solved(regressors, window, varies)
         return self._fits[key]
 
     def solved(self, regressors: np.ndarray, window: float, varies: bool = False) -> Fit | None:
@@ -111,7 +110,7 @@ class AxisModel:
 
     def attenuation(self, window: float) -> float:
         """Return lambda."""
-        found = self.fit(window)
+        found = self.fit_of(window)
         if found is None or found.own[0] == 0.0:
             return math.inf
         return float(np.mean(self.windows(window).noise ** 2)) / float(found.own[0]) ** 2
@@ -152,7 +151,7 @@ class AxisModel:
         """Return T [s]; if noise takes more than 0.1 % at any T, that at which it takes least."""
         losses: dict[float, float] = {}
         for window in self.lengths():
-            found = self.fit(window)
+            found = self.fit_of(window)
             if found is not None and found.count >= LEAST_CLUSTERS:
                 losses[window] = self.attenuation(window)
                 if losses[window] < ATTENUATION:
@@ -161,13 +160,16 @@ class AxisModel:
 
     def timing_window(self, window: float) -> float:
         """Return the longest window [s] that keeps 90 % of m's largest share, or ``window``."""
-        shares = {
-            length: float(found.share[0])
-            for length in self.lengths()
-            if (found := self.fit(length)) is not None and found.count >= LEAST_CLUSTERS
-        }
-        most = max(shares.values(), default=math.inf)
-        return max((one for one, share in shares.items() if share >= 0.9 * most), default=window)
+        most, longest = 0.0, window
+        for length in self.lengths()[::2]:
+            found = self.fit_of(length)
+            if found is None or found.count < LEAST_CLUSTERS:
+                continue
+            most = max(most, float(found.share[0]))
+            if found.share[0] < 0.9 * most:
+                break
+            longest = length
+        return longest
 
     def delay(self, window: float) -> tuple[float, float]:
         """Return tau [s] and its standard error; nan and inf if it is not known to one sample."""

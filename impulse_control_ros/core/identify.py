@@ -88,19 +88,20 @@ def identify(
         raise refusal('records', len(known), f'of {LEAST_SAMPLES} samples or more without a gap')
     model = AxisModel(pieces, effort_held or 'after', has_offset)
     chosen = window or model.best_window()
+    timing = model.timing_window(chosen)
     if effort_held is None:
-        model.held = model.shown_hold(model.timing_window(chosen))
+        model.held = model.shown_hold(timing)
         chosen = window or model.best_window()
-    return _identified(model, chosen)
+    return _identified(model, chosen, timing)
 
 
-def _identified(model: AxisModel, window: float) -> Identification:
-    """Return the result at the window T [s]."""
+def _identified(model: AxisModel, window: float, timing: float) -> Identification:
+    """Return the result at the window T [s], with the delay at the window ``timing`` [s]."""
     found = model.fit(window)
     blocks = NO_BLOCKS if found is None else _blocks(model, window)
     parameters = estimates_of(model, window, blocks)
     asymmetric, z = _by_direction(model, window, blocks)
-    late, late_error = model.delay(model.timing_window(window))
+    late, late_error = model.delay(timing)
     sweep = _sweep(model, window)
     verdict = bound_verdict(model, window, parameters, blocks)
     bound = bound_of(blocks) if verdict == IDENTIFIED else math.nan
