@@ -22,7 +22,8 @@ import numpy as np
 
 from impulse_control_ros.core.axis_record import Samples
 from impulse_control_ros.core.identification import SYMMETRIC
-from impulse_control_ros.core.weak_form import Fit, fit, HOLDS, Windows, windows_of, within_blocks
+from impulse_control_ros.core.regression import Fit, fit, within_blocks
+from impulse_control_ros.core.weak_form import HOLDS, Windows, windows_of
 
 LEAST_WINDOW = 16  # samples
 LONGEST_WINDOW = 1.0  # s

@@ -64,7 +64,8 @@ def record_of(source: Any, name: str = 'record') -> Record:
     """
     Return a `Record` of a trajectory, or of a frame or mapping with named columns.
 
-    Of a `Run`, the record has what the controller saw. Raises `ParameterError` for a missing
+    Of a `Run`, the record has what the controller saw; of a `Recording`, states that no command
+    answers are left out. Raises `ParameterError` for a missing
     column, lengths that differ, values that are not finite and times that do not increase.
     """
     if isinstance(source, Record):
@@ -80,6 +81,12 @@ def record_of(source: Any, name: str = 'record') -> Record:
             key: getattr(source, f'measured_{key}', getattr(source, key, None))
             for key in ('time', 'position', 'effort', 'velocity')
         }
+        if columns['effort'] is not None:
+            answered = np.isfinite(columns['effort'])
+            columns = {
+                key: None if column is None else np.asarray(column)[answered]
+                for key, column in columns.items()
+            }
     arrays = {
         key: None if value is None else np.asarray(value, float) for key, value in columns.items()
     }

@@ -40,12 +40,6 @@ def damping_blocks(
     ``force`` [N] is the standard deviation of the friction that the model lacks.
     """
     others = [0, 2, 3]
-    if not len(windows.time):
-        empty = np.zeros(0)
-        return DampingBlocks(
-            duration=windows.window, record=windows.record, time=empty, d=empty,
-            standard_error=empty,
-        )  # fmt: skip
     terms = windows.symmetric[:, others]
     travel = np.where(windows.damping == 0.0, np.nan, windows.damping)
     d = (effort - terms @ values[others]) / travel

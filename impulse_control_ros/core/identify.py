@@ -3,8 +3,9 @@ Identify an axis from records of its motion: m, d, F_c, offset and d_bar, with h
 
 1. Records become pieces of uniform samples (core/axis_record.py).
 2. The window of the weak form and how the effort acts follow from the data (core/axis_model.py).
-3. A fit over all pieces (core/weak_form.py) gives the estimates, which get their verdicts
-   (core/verdicts.py). Fits over T to 4 T, of the asymmetric model and with a delay test the model.
+3. A fit over all pieces (core/weak_form.py, core/regression.py) gives the estimates, which get
+   their verdicts (core/verdicts.py). Fits over T to 4 T, of the asymmetric model and with a delay
+   test the model.
 4. The damping by blocks gives d_bar (core/damping_profile.py).
 
 The method and its measured errors are in docs/concepts/identification.md.
@@ -29,23 +30,18 @@ from impulse_control_ros.core.identification import (
     SYMMETRIC,
     WindowSweep,
 )
+from impulse_control_ros.core.identify_warnings import advice_for, Facts, warnings_on
 from impulse_control_ros.core.parameter import refusal
-from impulse_control_ros.core.verdicts import (
-    advice_for,
-    bound_verdict,
-    estimates_of,
-    Facts,
-    warnings_on,
-)
+from impulse_control_ros.core.verdicts import bound_verdict, estimates_of
 from impulse_control_ros.core.weak_form import HOLDS, windows_of
 
 BLOCK = 0.03  # s, of d(t)
 LEAST_DRIFT = 0.005  # of a value: a smaller drift does not matter
 SWEEP = 5  # windows from T to 4 T
+NONE = np.zeros(0)
 NO_BLOCKS = DampingBlocks(
-    duration=BLOCK, record=np.zeros(0, int), time=np.zeros(0), d=np.zeros(0),
-    standard_error=np.zeros(0),
-)  # fmt: skip
+    duration=BLOCK, record=NONE.astype(int), time=NONE, d=NONE, standard_error=NONE
+)
 
 
 def identify(
@@ -165,7 +161,7 @@ def _forces(model: AxisModel, window: float) -> FrictionCurve:
     """Return the friction force over the velocity, by windows."""
     found, windows = model.fit(window), model.windows(window)
     if found is None:
-        return FrictionCurve(velocity=np.zeros(0), force=np.zeros(0))
+        return FrictionCurve(velocity=NONE, force=NONE)
     values, _ = model.values(window)
     rest = windows.effort(model.held) - values[0] * windows.inertia
     offset = values[3] if not model.is_one_way(window) else 0.0

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from impulse_control_ros.core.identification import IDENTIFIED, Record
 from impulse_control_ros.core.identify import identify
 from impulse_control_ros.core.nonidealities import Actuator, Disturbance, Sensor
 from impulse_control_ros.core.plant import Plant
-from impulse_control_ros.core.weak_form import fit, student, windows_of
+from impulse_control_ros.core.regression import fit, student
+from impulse_control_ros.core.weak_form import windows_of
 from impulse_control_ros.errors import ParameterError
 from scripts.identification import bound_ratios, interval_hits, moves, random_axis, TARGETS
 from test.conftest import CONFIG
@@ -309,6 +311,16 @@ def test_a_run_a_frame_and_a_record_give_the_same():
         assert of_frame.parameters[name].standard_error == pytest.approx(
             one.standard_error, nan_ok=True
         )
+
+
+def test_states_that_no_command_answers_are_left_out():
+    record = replace(shaken(resolution=1e-5), velocity=None)
+    effort = record.effort.copy()
+    effort[[0, 2000, -1]] = math.nan
+    recording = SimpleNamespace(time=record.time, position=record.position, effort=effort)
+    found = identify(recording)
+    for name, error in errors(found, TRUTH).items():
+        assert abs(error) < 1.0, name
 
 
 # Errors and bounds.
