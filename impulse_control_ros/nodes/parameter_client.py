@@ -44,6 +44,11 @@ def node_names(node: Node, with_hidden: bool = False) -> list[str]:
     )
 
 
+def nodes_found(names: Sequence[str]) -> str:
+    """Return what an error tells about the nodes on the graph."""
+    return f'the nodes found are {", ".join(names)}' if names else 'no node was found'
+
+
 class ParameterClient:
     """
     The parameters of the node of full name ``target``, as seen by ``node``.
@@ -100,7 +105,13 @@ class ParameterClient:
             SetParametersAtomically, parameters=[one.to_parameter_msg() for one in changed]
         ).result
         if not result.successful:
-            raise RefusedError(result.reason)
+            raise RefusedError(result.reason + self._not_declared(values, result.reason))
+
+    def _not_declared(self, names: Iterable[str], reason: str) -> str:
+        """Return what is missing in a reason; that of rclpy names no undeclared parameter."""
+        known = {*self.list()}
+        unknown = [name for name in names if name not in known and name not in reason]
+        return f' (not declared: {", ".join(unknown)})' if unknown else ''
 
     def close(self) -> None:
         """Destroy the clients of the services."""
@@ -126,12 +137,11 @@ class ParameterClient:
         raise self._no_answer(bool(calls))
 
     def _no_answer(self, asked: bool) -> NodeError:
-        found = node_names(self._node)
         within = f'within {self.timeout:g} s'
         if self.target in node_names(self._node, with_hidden=True):
             what = 'does not answer' if asked else 'offers no parameter services'
             return NodeError(f'{self.target} {what} {within}')
-        others = f'the nodes found are {", ".join(found)}' if found else 'no node was found'
+        others = nodes_found(node_names(self._node))
         return NodeError(f'Node not found: {self.target} {within}; {others}')
 
 
