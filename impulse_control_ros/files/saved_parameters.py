@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from impulse_control_ros.errors import ParameterError
+from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.parameter_file import ANY, read_sections
 from impulse_control_ros.files.yaml_file import as_text
 
@@ -17,9 +18,9 @@ def node_text(name: str, values: Mapping[str, Any]) -> str:
     return as_text({name: {'ros__parameters': nested(values)}})
 
 
-def experiment_text(values: Mapping[str, Mapping[str, Any]]) -> str:
+def write_experiment(path: Path, values: Mapping[str, Mapping[str, Any]]) -> None:
     """
-    Return the text of an experiment, which `load_experiment` reads.
+    Write an experiment, which `load_experiment` reads; raises `OSError`.
 
     ``values`` are by node, such as 'controller', and by full name. The recorder's bag is left out.
     """
@@ -27,7 +28,9 @@ def experiment_text(values: Mapping[str, Mapping[str, Any]]) -> str:
         node: {name: value for name, value in some.items() if name not in OF_ONE_RUN}
         for node, some in values.items()
     }
-    return ''.join(node_text(f'/**/{node}', some) for node, some in kept.items())
+    text = ''.join(node_text(f'/**/{node}', some) for node, some in kept.items())
+    with replaced(path) as made:
+        made.write_text(text, encoding='utf-8')
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,10 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from impulse_control_ros.command_line import warn
 from impulse_control_ros.core.parameter import declared, meant
 from impulse_control_ros.errors import NodeError, RefusedError, UsageError
-from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.experiment import NODES
 from impulse_control_ros.files.parameter_file import base
-from impulse_control_ros.files.saved_parameters import experiment_text, node_text, values_of_node
+from impulse_control_ros.files.saved_parameters import node_text, values_of_node, write_experiment
 from impulse_control_ros.nodes.parameter_client import node_names, nodes_found, ParameterClient
 from impulse_control_ros.nodes.spin import first_line
 from impulse_control_ros.nodes.transport import prefer_udp
@@ -212,11 +211,7 @@ def save_experiment(graph: Graph, options: argparse.Namespace) -> None:
         raise NodeError(f'Node not found: {", ".join(NODES)}; {nodes_found(found)}')
     if len(spaces) > 1:
         raise UsageError(f'our nodes are in {", ".join(spaces)}: choose one with --namespace')
-    with replaced(options.save) as made:
-        made.write_text(
-            experiment_text({base(name): values_of(graph.client(name)) for name in ours}),
-            encoding='utf-8',
-        )
+    write_experiment(options.save, {base(name): values_of(graph.client(name)) for name in ours})
     for kind in {*NEEDED} - {*map(base, ours)}:
         warn('param', f'{kind} is not running: {options.save} has no values of it')
     print(f'saved {", ".join(ours)} to {options.save}')

@@ -53,7 +53,7 @@ def make_parser() -> tuple[Parser, dict[str, Parser]]:
             '--spin-time',
             metavar='N',
             type=seconds,
-            default=1.0,
+            default=2.0,
             help='Look for nodes for N seconds, or until one is found (default %(default)g)',
         )
     add_arguments(verbs)
