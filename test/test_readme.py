@@ -117,6 +117,10 @@ class Reader:
         elif words[0] == 'ros2':
             self._be_running()
             getattr(self, '_'.join(words[1:3]))(*words[3:])
+        elif words[0] == 'param':
+            self._be_running()
+            command = [str(self._executables / words[0]), *words[1:], '--timeout', str(PATIENCE)]
+            self._run(command, int(status[1] if status else 0))
         elif line == 'make demo':
             self._wait()
             self._run([sys.executable, '-m', f'{PACKAGE}.tools.demo'])
