@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from impulse_control_ros.core.damping import Damping
     from impulse_control_ros.core.design import check_gains
     from impulse_control_ros.core.hybrid import Reading, Solution, solve
+    from impulse_control_ros.core.identification import Identification, Record
+    from impulse_control_ros.core.identify import identify
     from impulse_control_ros.core.nonidealities import Actuator, Disturbance, Payload, Sensor
     from impulse_control_ros.core.plant import Plant
     from impulse_control_ros.core.simulate import Run, simulate
@@ -32,9 +34,11 @@ __all__ = [
     'ControlGains',
     'Damping',
     'Disturbance',
+    'Identification',
     'Payload',
     'Plant',
     'Reading',
+    'Record',
     'Recording',
     'Run',
     'Sensor',
@@ -43,6 +47,7 @@ __all__ = [
     'check_gains',
     'check_run',
     'errors',
+    'identify',
     'load_experiment',
     'metrics',
     'read_bag',
@@ -60,6 +65,8 @@ _HOMES = {
         'core.damping': 'Damping',
         'core.design': 'check_gains',
         'core.hybrid': 'Reading Solution solve',
+        'core.identification': 'Identification Record',
+        'core.identify': 'identify',
         'core.metrics': 'metrics',
         'core.nonidealities': 'Actuator Disturbance Payload Sensor',
         'core.plant': 'Plant',

@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 from impulse_control_ros.errors import (
     ImpulseControlError,
     MissingPackageError,
+    NodeError,
     SweepError,
     UsageError,
 )
@@ -142,7 +143,7 @@ def exit_status(name: str, command: Callable[[], int]) -> int:
     except OSError as error:
         file = error.filename2 or error.filename or 'stdout'
         return ended(name, f'{file}: {error.strerror or error}', 1)
-    except (SweepError, MissingPackageError) as error:
+    except (SweepError, MissingPackageError, NodeError) as error:
         return ended(name, error, 1)
     except ImpulseControlError as error:
         return ended(name, error, 2)
@@ -179,6 +180,7 @@ recorder = partial(run, 'recorder', 'nodes.recorder')
 closed_loop = partial(run, 'closed_loop', 'nodes.closed_loop')
 simulate = partial(run, 'simulate', 'tools.simulate')
 replay = partial(run, 'replay', 'tools.replay')
+param = partial(run, 'param', 'tools.param', patience=0)
 sweep = partial(run, 'sweep', 'tools.sweep', patience=1)
 analyze = partial(run, 'analyze', 'tools.analyze.command', patience=0)
 export_bag = partial(run, 'export_bag', 'tools.export', patience=0)

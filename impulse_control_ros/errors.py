@@ -45,5 +45,13 @@ class MiddlewareError(ImpulseControlError):
     """The ROS middleware encodes messages in a layout that this package does not know."""
 
 
+class NodeError(ImpulseControlError):
+    """A node that is not there or does not answer; the message names it and the nodes found."""
+
+
+class RefusedError(NodeError):
+    """A node refuses new parameters; the message is its reason."""
+
+
 class UsageError(ImpulseControlError):
     """A command line cannot be carried out; the message says why."""

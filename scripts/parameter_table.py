@@ -7,8 +7,8 @@ from impulse_control_ros.files.experiment import NODES
 
 HEAD = """# Parameters
 
-Made by `python scripts/parameter_table.py`. All can be set while the nodes run
-(`ros2 param set`), except those marked fixed. Numbers in parentheses are equations of the paper.
+Made by `python scripts/parameter_table.py`. All can be set while the nodes run (`ros2 param set`
+or `param set`), except those marked fixed. Numbers in parentheses are equations of the paper.
 Values that bind each other: `damping.lower` <= `damping.upper`; `stribeck.F_s` is 0 or at least
 `F_c`; `m` + `payload.mass` > 0; `disturbance.end` is 0 or after its start; plant and controller
 have the same `time_step` and `joint_name`; `lockstep: false` needs a `real_time_factor` above 0.

@@ -8,12 +8,19 @@ import sys
 import pytest
 
 from impulse_control_ros.command_line import exit_status
-from impulse_control_ros.errors import BagError, MissingPackageError, SweepError, UsageError
+from impulse_control_ros.errors import (
+    BagError,
+    MissingPackageError,
+    NodeError,
+    RefusedError,
+    SweepError,
+    UsageError,
+)
 from test.conftest import BIN, CONFIG
 
 EXECUTABLES = (
     *('plant_simulator', 'controller', 'recorder', 'closed_loop'),
-    *('simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures'),
+    *('simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param'),
 )
 
 
@@ -23,6 +30,8 @@ EXECUTABLES = (
         (UsageError('no BAG (see --help)'), 2, 'no BAG (see --help)'),
         (BagError('run: empty'), 2, 'run: empty'),
         (SweepError('interrupted'), 1, 'interrupted'),
+        (NodeError('no node'), 1, 'no node'),
+        (RefusedError('read-only'), 1, 'read-only'),
         (MissingPackageError('no plotly'), 1, 'no plotly'),
         (OSError(errno.ENOSPC, 'No space left', 'a.csv'), 1, 'a.csv: No space left'),
         (OSError(errno.EIO, 'I/O error'), 1, 'stdout: I/O error'),

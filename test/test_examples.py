@@ -1,12 +1,15 @@
 """The examples, run as their text says; the MuJoCo axis is in nodes/test_mujoco_axis.py."""
 
 import os
+from xml.etree import ElementTree
 
 from nbclient import NotebookClient
 import nbformat
 import numpy as np
 import pytest
+import yaml
 
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.recording import read_bag
 from test.processes import BIN, CONFIG, ROOT
 
@@ -32,6 +35,29 @@ def test_a_controller_of_ones_own_answers_every_state_and_the_axis_settles(graph
     assert np.array_equal(run.effort[recorded], law[recorded])
     assert run.position[0] == 0.5
     assert run.position[-1] == pytest.approx(X_R, abs=1e-6)
+
+
+def test_the_files_of_the_ros2_control_example_name_the_same_joint_topics_and_period():
+    folder = EXAMPLES / 'ros2_control'
+    ours = load_experiment(folder / 'axis.yaml')
+    manager = yaml.safe_load((folder / 'controllers.yaml').read_text())
+    names = manager['controller_manager']['ros__parameters']
+    hardware = ElementTree.parse(folder / 'axis.urdf').find('ros2_control')
+    given = {one.get('name'): one.text for one in hardware.iterfind('hardware/param')}
+    launched = (folder / 'ros2_control.launch.py').read_text()
+    assert given['joint_states_topic'] == '/hardware/joint_states'
+    assert given['joint_commands_topic'] == '/hardware/joint_commands'
+    assert given['trigger_joint_command_threshold'] == '-1'
+    assert "namespace='/hardware'" in launched
+    assert "('effort_commands', '/forward_effort_controller/commands')" in launched
+    assert 'forward_effort_controller' in names
+    assert (
+        hardware.find('joint').get('name'),
+        *manager['forward_effort_controller']['ros__parameters']['joints'],
+        *manager['pid_controller']['ros__parameters']['dof_names'],
+    ) == (ours.gains.joint_name,) * 3
+    assert names['update_rate'] * ours.gains.time_step == pytest.approx(1.0)
+    assert ours.plant.clock_rate == names['update_rate']
 
 
 def test_the_notebook_runs_from_top_to_bottom(monkeypatch):

@@ -39,7 +39,7 @@ PAGES = [README, *DOCS, *ROOT.glob('[be]*/**/README.md')]
 PACKAGE = 'impulse_control_ros'
 NODES = ('plant_simulator', 'controller', 'recorder', 'closed_loop')
 TOOLS = [entry.name for entry in entry_points(group='console_scripts') if PACKAGE in entry.value]
-NOT_ON_PYPI = ('ros2 bag', 'ros2 launch', 'ros2 lifecycle', 'ros2 security')
+NOT_ON_PYPI = ('ros2 bag', 'ros2 control', 'ros2 launch', 'ros2 lifecycle', 'ros2 security')
 # what the gate, the fixture of the workspace and test_paper_figures do
 DONE_ELSEWHERE = (
     'make test',
@@ -117,6 +117,10 @@ class Reader:
         elif words[0] == 'ros2':
             self._be_running()
             getattr(self, '_'.join(words[1:3]))(*words[3:])
+        elif words[0] == 'param':
+            self._be_running()
+            command = [str(self._executables / words[0]), *words[1:], '--timeout', str(PATIENCE)]
+            self._run(command, int(status[1] if status else 0))
         elif line == 'make demo':
             self._wait()
             self._run([sys.executable, '-m', f'{PACKAGE}.tools.demo'])

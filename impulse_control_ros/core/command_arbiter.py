@@ -22,7 +22,8 @@ class CommandArbiter:
     """
     Selects the commands for the plant of ``run``; in ``lockstep`` the plant waits for them.
 
-    ``header`` is the header of the plant's states and ``effort`` [N] the applied effort.
+    ``header`` is the header of the plant's states and ``effort`` [N] the applied effort, of a
+    foreign controller if ``is_foreign``.
     ``awaiting`` is true while the present state is unanswered; ``silence`` measures how long.
     ``counts`` counts the commands by outcome. All times ``now`` [s] come from one clock.
     Without lockstep, a command acts up to the ``age`` limit, by the stamps of plant and command; a
@@ -35,8 +36,8 @@ class CommandArbiter:
         self.counts = {'accepted': 0, 'late': 0} | dict.fromkeys(
             (verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACTS), 0
         )
-        self.age = AgeLimit()
-        self._lockstep = lockstep
+        self.age, self.is_foreign = AgeLimit(), False
+        self._lockstep, self._any_clock = lockstep, False
         self._stamp: Stamp = (-1, 0)
         self._newest: Stamp = (0, 0)  # stamp of the newest applied command, without lockstep
         self._acts_since = 0  # ns of the plant, without lockstep
@@ -53,12 +54,8 @@ class CommandArbiter:
     def take(self, sender: CommandHeader, stamp: Stamp, effort: float, now: float) -> Verdict:
         """Take a command; if accepted, its ``effort`` [N] acts from now on."""
         before = self.header
-        is_due = (
-            self.awaiting and stamp == self._stamp
-            if self._lockstep
-            else self._is_newest(stamp, sender)
-        )
-        header, verdict = judge_command(before, sender, is_due)
+        judge = self._is_answer if self._lockstep else self._is_newest
+        header, verdict = judge_command(before, sender, judge(stamp, sender))
         if verdict is Verdict.ACTS and not self._lockstep and self._is_old(stamp):
             verdict = Verdict.OLD
         if verdict is not Verdict.ACTS:
@@ -70,6 +67,7 @@ class CommandArbiter:
         self.header = header
         self.counts['accepted'] += 1
         self.effort, self.awaiting = effort, False
+        self.is_foreign = sender.author == FOREIGN
         self.silence.hear()
         if self._lockstep:
             trip, took = self._round_trip, now - self._asked_at
@@ -78,6 +76,11 @@ class CommandArbiter:
             self._newest = stamp
             self.counts['late'] += sender.author != FOREIGN and stamp < self._stamp
         return verdict
+
+    def _is_answer(self, stamp: Stamp, sender: CommandHeader) -> bool:
+        """Return whether a command answers the present state."""
+        is_later = self._any_clock and sender.author == FOREIGN and stamp > self._stamp
+        return self.awaiting and (stamp == self._stamp or is_later)
 
     def _is_newest(self, stamp: Stamp, sender: CommandHeader) -> bool:
         """Return whether a command is newer than the last one applied from its author."""
@@ -95,6 +98,17 @@ class CommandArbiter:
         if found is not Age.OLD:
             self._acts_since = min(made, present) if found is Age.FRESH else present
         return found is Age.OLD
+
+    def let_time_pass(self, for_manager: bool) -> None:
+        """
+        Leave the present state unanswered, with the effort held, if a manager waits for time.
+
+        Its hardware may stamp by the wall clock; its later stamps then count in lockstep.
+        """
+        self._any_clock = for_manager
+        if for_manager:
+            self.awaiting = False
+            self.silence.hear()
 
     @property
     def patience(self) -> float:

@@ -16,7 +16,8 @@ v_max         `peak_speed`                m/s      largest abs(v) until then, fr
 ============  ==========================  =======  ============================================
 
 The predictions are closed forms for a start at rest, constant damping and no Coulomb friction,
-with the first impulse (25) if impulses act. core/hybrid.py solves all other cases exactly.
+with the first impulse (25) if impulses act. core/hybrid.py solves all other cases exactly, and
+core/promise.py states what holds for any course of the damping.
 """
 
 from collections.abc import Iterator

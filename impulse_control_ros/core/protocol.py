@@ -27,7 +27,10 @@ at each start. Any other frame_id belongs to a foreign peer, such as a robot dri
 3. A controller keeps its run while it receives states of it. It ignores states of another run,
    and adopts that run after `RUN_TIMEOUT` without a state of its own.
 4. A controller always answers a foreign plant, with only the guard as frame_id. The plant takes
-   the commands of a foreign controller by rule 1, and its states then name `FOREIGN`.
+   the commands of a foreign controller by rule 1, and its states then name `FOREIGN`. A foreign
+   manager may wait for time to pass, and stamp by another clock: after ``command_timeout``
+   without a command, while /clock is read and no controller of ours is there, a plant in lockstep
+   makes a sample with the effort held, and then takes foreign commands with later stamps as well.
 5. A recorder joins when it publishes its progress, and is dropped after ``recorder_timeout``
    without any. The plant stays at most `WINDOW` samples ahead of the slowest. When a recorder
    joins or a controller becomes active, the plant republishes its state until every recorder

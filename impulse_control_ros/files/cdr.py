@@ -239,3 +239,8 @@ FLOAT64 = np.dtype({'names': ['data'], 'formats': ['<f8'], 'offsets': [4], 'item
 def encode_float64(value: float) -> bytes:
     """Return a std_msgs/Float64."""
     return LITTLE_ENDIAN_CDR + struct.pack('<d', value)
+
+
+def encode_float64_array(values: Sequence[float]) -> bytes:
+    """Return a std_msgs/Float64MultiArray of at least one value, without named dimensions."""
+    return LITTLE_ENDIAN_CDR + struct.pack(f'<III4x{len(values)}d', 0, 0, len(values), *values)

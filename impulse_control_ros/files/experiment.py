@@ -20,6 +20,7 @@ from impulse_control_ros.files.mcap_writer import COMPRESSIONS
 LAST_SECOND = float(2**31 - 1)
 SLOWEST = 1e-3  # Hz
 LONGEST_AGE = 3600.0  # s
+JOINT_STATE, EFFORT_ARRAY = 'joint_state', 'effort_array'  # command_interface
 
 
 def cpu_core_parameter() -> Any:
@@ -163,6 +164,21 @@ class ControllerParameters(ControlGains):
         lower=0.0,
         upper=LONGEST_AGE,
     )
+    command_interface: str = parameter(
+        JOINT_STATE,
+        '',
+        'where efforts go: joint_state for joint_commands alone, effort_array for '
+        'effort_commands as well, for an effort controller of ros2_control',
+        choices=(JOINT_STATE, EFFORT_ARRAY),
+        read_only=True,
+    )
+    command_joints: tuple[str, ...] = parameter(
+        (),
+        '',
+        'joints of the effort controller, in its order; the others are commanded 0 N; empty for '
+        'joint_name alone',
+        read_only=True,
+    )
     lifecycle: bool = parameter(
         False,
         '',
@@ -170,6 +186,19 @@ class ControllerParameters(ControlGains):
         read_only=True,
     )
     cpu_core: int = cpu_core_parameter()
+
+    def check(self) -> None:
+        """Require the controlled joint once among the commanded ones."""
+        super().check()
+        joints = self.command_joints
+        if joints and self.command_interface != EFFORT_ARRAY:
+            raise refusal(
+                'command_joints', joints, f'empty unless command_interface is {EFFORT_ARRAY}'
+            )
+        if joints and joints.count(self.joint_name) != 1:
+            raise refusal(
+                'command_joints', joints, f'empty, or have joint_name = {self.joint_name!r} once'
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -90,8 +90,12 @@ def base(name: str) -> str:
     return name.rsplit('/', 1)[-1]
 
 
-def read_sections(path: str | Path) -> Iterator[Section]:
-    """Yield the sections of a ROS parameter file; raises `ParameterError`."""
+def read_sections(path: str | Path, with_foreign: bool = False) -> Iterator[Section]:
+    """
+    Yield the sections of a ROS parameter file; raises `ParameterError`.
+
+    The parameters of rclpy itself are left out unless ``with_foreign`` is true.
+    """
     for name, section in _nested_sections(read_mapping(path, NODES)):
         try:
             values = flattened(section['ros__parameters'])
@@ -100,7 +104,11 @@ def read_sections(path: str | Path) -> Iterator[Section]:
         yield Section(
             source=str(path),
             key='/' + name.lstrip('/'),
-            values={name: value for name, value in values.items() if not is_foreign(name)},
+            values={
+                name: value
+                for name, value in values.items()
+                if with_foreign or not is_foreign(name)
+            },
         )
 
 

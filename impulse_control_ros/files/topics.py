@@ -8,6 +8,7 @@ from impulse_control_ros.files.parameter_event import TYPE as PARAMETER_EVENT
 JOINT_STATES = 'joint_states'
 IMPULSE_EVENTS = 'impulse_events'
 JOINT_COMMANDS = 'joint_commands'
+EFFORT_COMMANDS = 'effort_commands'
 RUN_PARAMETERS = 'run_parameters'
 PARAMETER_EVENTS = '/parameter_events'
 DAMPING = 'damping'

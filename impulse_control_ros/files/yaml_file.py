@@ -1,4 +1,4 @@
-"""Read YAML with the rules of ROS."""
+"""Read and write YAML with the rules of ROS."""
 
 from collections.abc import Iterable, Mapping
 import os
@@ -26,6 +26,10 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+class _Dumper(yaml.SafeDumper):
+    """YAML with quotes around each string that rcl or YAML 1.1 takes for another type."""
+
+
 _Loader.bool_values = {**_Loader.bool_values, 'y': True, 'n': False}
 _Loader.yaml_implicit_resolvers = {}
 for _tag, _pattern in (
@@ -33,14 +37,20 @@ for _tag, _pattern in (
     ('int', r'[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)'),
     ('float', r'[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|\.?(?i:inf(inity)?|nan))'),
 ):
-    _Loader.add_implicit_resolver(
-        f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), None
-    )
+    for _kind in (_Loader, _Dumper):
+        _kind.add_implicit_resolver(
+            f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), None
+        )
 
 
 def parsed(text: str) -> Any:
     """Return the value of a YAML text; raises `YAMLError`."""
     return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """Return a mapping as YAML, sorted by name."""
+    return yaml.dump(content, Dumper=_Dumper, default_flow_style=False, allow_unicode=True)
 
 
 def flattened(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:

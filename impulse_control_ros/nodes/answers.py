@@ -4,32 +4,58 @@ from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader
-from impulse_control_ros.files.cdr import COMMANDED, FIELDS
+from impulse_control_ros.files.cdr import COMMANDED, encode_float64_array, FIELDS
+from impulse_control_ros.files.experiment import ControllerParameters, EFFORT_ARRAY
 from impulse_control_ros.files.parameter_event import encode_parameter_event
-from impulse_control_ros.files.topics import IMPULSE_EVENTS, JOINT_COMMANDS, RUN_PARAMETERS
+from impulse_control_ros.files.topics import (
+    EFFORT_COMMANDS,
+    IMPULSE_EVENTS,
+    JOINT_COMMANDS,
+    RUN_PARAMETERS,
+)
 from impulse_control_ros.nodes.joint_state_io import verified_layout
-from impulse_control_ros.nodes.topics import Output
+from impulse_control_ros.nodes.topics import NEWEST_QOS, Output
+
+
+class EffortArray:
+    """The efforts on effort_commands: those of all ``command_joints``, 0 N but for ours."""
+
+    def __init__(self, node: Node, parameters: ControllerParameters) -> None:
+        joints = parameters.command_joints or (parameters.joint_name,)
+        self._efforts = [0.0] * len(joints)
+        self._ours = joints.index(parameters.joint_name)
+        self.output = Output(node, Float64MultiArray, EFFORT_COMMANDS, NEWEST_QOS)
+
+    def send(self, effort: float) -> None:
+        """Publish the ``effort`` [N] of our joint."""
+        self._efforts[self._ours] = effort
+        self.output.send(encode_float64_array(self._efforts))
 
 
 class Answers:
     """
-    The outputs of a controller with the id ``own_id`` for ``joint``.
+    The outputs of a controller with the id ``own_id``.
 
-    ``sent`` counts the states answered, ``impulses`` those with an impulse.
+    ``sent`` counts the states answered, ``impulses`` those with an impulse. ``efforts`` is None
+    unless ``command_interface`` is effort_array.
     """
 
-    def __init__(self, node: Node, own_id: str, joint: str) -> None:
+    def __init__(self, node: Node, own_id: str, parameters: ControllerParameters) -> None:
         self.sent = self.impulses = 0
-        self._own_id, self._joint = own_id, joint
+        self._own_id, self._joint = own_id, parameters.joint_name
         self.parameters = Output(node, ParameterEvent, RUN_PARAMETERS)
         self.events = Output(node, JointState, IMPULSE_EVENTS)
         self.commands = Output(node, JointState, JOINT_COMMANDS)
-        self._last = b'', b''
+        as_array = parameters.command_interface == EFFORT_ARRAY
+        self.efforts = EffortArray(node, parameters) if as_array else None
+        self._last = 0.0, b'', b''
         self.address('', 0)
 
     def address(self, run: str, episode: int) -> None:
@@ -50,32 +76,36 @@ class Answers:
 
     def send(self, sec: int, nanosec: int, effort: float) -> None:
         """Publish a command without an impulse."""
-        command = self._commands[NO_IMPULSE].encode(sec, nanosec, effort)
-        self._last = b'', command
         self.sent += 1
-        self.commands.send(command)
+        self._last = effort, b'', self._commands[NO_IMPULSE].encode(sec, nanosec, effort)
+        self.repeat()
 
     def send_impulse(
         self, sec: int, nanosec: int, effort: float, guard: int, *impulse: float
     ) -> None:
         """Publish an ``impulse`` (position, velocity, area) of a guard, and its command."""
-        event = self._events[guard].encode(sec, nanosec, *impulse)
-        command = self._commands[guard].encode(sec, nanosec, effort)
-        self._last = event, command
         self.sent += 1
         self.impulses += 1
-        self.events.send(event)
-        self.commands.send(command)
+        event = self._events[guard].encode(sec, nanosec, *impulse)
+        self._last = effort, event, self._commands[guard].encode(sec, nanosec, effort)
+        self.repeat()
+
+    def send_zero(self) -> None:
+        """Command 0 N with stamp 0, which ROS reads as no time: it answers no state."""
+        self._last = 0.0, b'', self._commands[NO_IMPULSE].encode(0, 0, 0.0)
+        self.repeat()
 
     def repeat(self) -> None:
         """Publish the last answer again."""
-        event, command = self._last
+        effort, event, command = self._last
+        if self.efforts:
+            self.efforts.send(effort)
         if event:
             self.events.send(event)
         self.commands.send(command)
 
-    def send_zero(self) -> None:
-        """Command 0 N with stamp 0, which ROS reads as no time: it answers no state."""
-        command = self._commands[NO_IMPULSE].encode(0, 0, 0.0)
-        self._last = b'', command
-        self.commands.send(command)
+    def wait(self) -> None:
+        """Wait until the sent messages are acknowledged."""
+        outputs = [self.events, self.commands, *([self.efforts.output] if self.efforts else [])]
+        for output in outputs:
+            output.publisher.wait_for_all_acked(Duration(seconds=1))

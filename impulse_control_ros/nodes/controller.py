@@ -1,5 +1,5 @@
 """
-The controller node: joint_states in, joint_commands and impulse_events out.
+The controller node: joint_states in, joint_commands, impulse_events, effort_commands out.
 
 core/protocol.py selects the states that the controller answers. A command carries the stamp of its
 state; the control law takes time from the states, never from a clock. A plant that does not wait
@@ -14,7 +14,6 @@ from time import monotonic
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -49,7 +48,7 @@ class Controller(ManagedNode):
         super().__init__('controller', ControllerParameters, **options)
         self.id = new_id(self.get_fully_qualified_name())
         self.plants = KnownPlants(self.get_logger())
-        self.answers = Answers(self, self.id, self.parameters.joint_name)
+        self.answers = Answers(self, self.id, self.parameters)
         self._law = SampledController(self.parameters)
         self._reader = JointStateReader(
             self.parameters.joint_name, parse_state, ('position',), ('velocity',)
@@ -251,8 +250,7 @@ class Controller(ManagedNode):
         """Deactivate, and wait until the sent messages are acknowledged."""
         if self.active:
             self.deactivated()
-        for output in (self.answers.events, self.answers.commands):
-            output.publisher.wait_for_all_acked(Duration(seconds=1))
+        self.answers.wait()
 
 
 def main(stop: StopRequest) -> int:

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.protocol import name_of, StateHeader
 from impulse_control_ros.errors import UnreadableError
-from impulse_control_ros.files.topics import JOINT_COMMANDS, JOINT_STATES
+from impulse_control_ros.files.topics import EFFORT_COMMANDS, JOINT_COMMANDS, JOINT_STATES
 from impulse_control_ros.nodes.diagnostics import Diagnostics
 
 
@@ -72,9 +72,10 @@ class ControllerReport:
             self._logger.error(wrong, throttle_duration_sec=20.0)
         if controller.age.clock_error:
             self._logger.warning(f'{JOINT_STATES} {controller.age.clock_error}', once=True)
-        if states.run == '' and controller.count_publishers(JOINT_COMMANDS) > 1:
+        topic = EFFORT_COMMANDS if answers.efforts else JOINT_COMMANDS
+        if states.run == '' and controller.count_publishers(topic) > 1:
             self._logger.warning(
-                f'several controllers publish {JOINT_COMMANDS}, and a foreign plant applies all '
+                f'several controllers publish {topic}, and a foreign plant applies all '
                 'of them: stop all but one',
                 throttle_duration_sec=20.0,
             )

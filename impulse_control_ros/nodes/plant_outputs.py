@@ -33,6 +33,7 @@ class PlantOutputs:
         self._joint = joint
         self._header: StateHeader | None = None
         self._last = (0, 0), math.nan, math.nan, 0.0
+        self._last_clock = b''
         self._clock_every = self._damping_every = 0
 
     def change(self, parameters: PlantParameters) -> None:
@@ -73,14 +74,17 @@ class PlantOutputs:
             raw = self._layout.encode(*stamp, position, velocity, effort)
         self.states.send(raw)
 
-    def send_again(self, header: StateHeader) -> None:
-        """Publish the last state again."""
+    def send_again(self, header: StateHeader, with_clock: bool) -> None:
+        """Publish the last state again, and the last clock, which a peer may wait for."""
         self.send_state(header, *self._last)
+        if with_clock and self._clock_every:
+            self.clock.send(self._last_clock)
 
     def send_beside(self, tick: int, stamp: tuple[int, int], damping: float) -> None:
         """Publish clock and damping [N s/m] if they are due at ``tick``."""
         if self._clock_every and tick % self._clock_every == 0:
-            self.clock.send(encode_time(*stamp))
+            self._last_clock = encode_time(*stamp)
+            self.clock.send(self._last_clock)
         if self._damping_every and tick % self._damping_every == 0 and tick:
             self.damping.send(encode_float64(damping))
 

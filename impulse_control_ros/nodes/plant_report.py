@@ -6,7 +6,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from impulse_control_ros.core.age import AgeLimit
-from impulse_control_ros.core.protocol import FOREIGN
 from impulse_control_ros.errors import UnreadableError
 from impulse_control_ros.files.topics import JOINT_COMMANDS
 from impulse_control_ros.nodes.diagnostics import Diagnostics
@@ -43,11 +42,12 @@ class PlantReport:
 
     def reject(self, error: UnreadableError) -> None:
         """Count and log an invalid command."""
-        self._rejected += 1
         logger = self._plant.get_logger()
         if error.is_normal:
+            self._plant.arbiter.counts['ignored'] += 1
             logger.info(f'ignoring commands: {error}', once=True)
         else:
+            self._rejected += 1
             logger.error(f'command rejected: {error}', throttle_duration_sec=5.0)
 
     def too_old(self, age: AgeLimit) -> None:
@@ -78,8 +78,8 @@ class PlantReport:
     def _counts(self) -> dict[str, int]:
         """The commands by outcome, and the number of unanswered states."""
         arbiter, tick = self._plant.arbiter, self._plant.clock.tick
-        is_foreign = arbiter.header.controller == FOREIGN  # it need not answer every state
-        lost = 0 if is_foreign else max(0, tick - arbiter.counts['accepted'])
+        # a foreign controller need not answer every state
+        lost = 0 if arbiter.is_foreign else max(0, tick - arbiter.counts['accepted'])
         return arbiter.counts | {'rejected': self._rejected, 'lost': lost}
 
     def _progress(self) -> tuple[int, float]:

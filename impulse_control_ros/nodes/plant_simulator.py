@@ -21,6 +21,7 @@ from impulse_control_ros.core.age import AgeLimit
 from impulse_control_ros.core.command_arbiter import CommandArbiter, SOON
 from impulse_control_ros.core.plant import DIVERGED
 from impulse_control_ros.core.protocol import (
+    CommandHeader,
     FOREIGN,
     name_of,
     new_run,
@@ -44,6 +45,7 @@ from impulse_control_ros.nodes.simulation_control import SimulationControl
 from impulse_control_ros.nodes.simulation_interfaces import SimulationInterfaces
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SERIES_QOS, SLOW_QOS
+from impulse_control_ros.nodes.waiting_manager import waits_for_time
 
 ANNOUNCE = 1.0  # s between announcements of a waiting plant: a recorder may have been busy
 HEARTBEAT = 0.25  # s between repeats of a state held only by the wall clock or a pause
@@ -143,8 +145,7 @@ class PlantSimulator(ParameterNode):
         try:
             sender, (sec, nanosec, effort) = self._read(raw)
             if not -math.inf < effort < math.inf:
-                # foreign hardware sends nan while no controller is active
-                raise UnreadableError(f'effort {effort}', is_normal=sender.author == FOREIGN)
+                effort = self._without_effort(sender, effort)
         except UnreadableError as error:
             self._report.reject(error)
             return
@@ -159,6 +160,13 @@ class PlantSimulator(ParameterNode):
             self.get_logger().info(f'the active controller is {name_of(sender.author)}')
         if self.parameters.lockstep:
             self._proceed()
+
+    def _without_effort(self, sender: CommandHeader, effort: float) -> float:
+        """Return the effort that a manager without an active controller answers with, or raise."""
+        is_normal = sender.author == FOREIGN and math.isnan(effort)
+        if not (is_normal and self.parameters.lockstep):
+            raise UnreadableError(f'effort {effort}', is_normal=is_normal)
+        return self.arbiter.effort
 
     def on_progress(self, raw: bytes) -> None:
         """Handle the progress of a recorder, given as CDR."""
@@ -209,7 +217,7 @@ class PlantSimulator(ParameterNode):
             self._nobody_answers(now)
         if now >= self._published_at + patience:
             self._published_at = now
-            self.outputs.send_again(self.arbiter.header)
+            self.outputs.send_again(self.arbiter.header, self.arbiter.awaiting)
         wait = min(patience, IDLE)
         if self.pacer.wall_step and not (held or self.control.holds):
             wait = min(wait, max(self.pacer.due(self.clock.tick) - monotonic(), 0.0))
@@ -228,6 +236,8 @@ class PlantSimulator(ParameterNode):
             self._report.waiting_for('a controller', now)
             if self.control.quitting:
                 self._end()
+            else:
+                self.arbiter.let_time_pass(waits_for_time(self))
         else:
             self.recorders.let_go()
             if not self.has_next:

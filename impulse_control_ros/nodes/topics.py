@@ -15,6 +15,7 @@ from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_
 INTERFACE = re.compile(r'^(\w+)/(msg|srv|action)/(\w+)$')
 SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample
 SLOW_QOS = QoSProfile(depth=SLOW_DEPTH)
+NEWEST_QOS = QoSProfile(depth=1)  # a queue of old efforts would delay the loop
 LATCHED_QOS = QoSProfile(depth=SLOW_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # plant and controller resend lost messages; best effort also matches any driver
 LOCKSTEP_QOS = QoSProfile(depth=SERIES_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -26,8 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     play = parser.add_argument_group(
         'on the graph',
-        'ros2 param set /replay rate 2.0 tunes it, '
-        'and the service ~/pause (std_srvs/SetBool) holds it',
+        'param set /replay rate 2.0 tunes it, and the service ~/pause (std_srvs/SetBool) holds it',
     )
     play.add_argument('--rate', type=float, help='bag seconds per wall second')
     play.add_argument('--start-offset', metavar='S', type=float, help='seconds of the bag to skip')

@@ -47,6 +47,26 @@ def test_a_foreign_controller_whose_stamps_are_stale_for_ever_is_replaced(lockst
     assert arbiter.header.controller == ''
 
 
+def test_only_for_a_manager_that_waited_for_time_a_later_stamp_answers_a_state_in_lockstep():
+    arbiter = CommandArbiter(RUN, True, 0.0)
+    arbiter.effort = 2.0
+    arbiter.expect((10, 5), 0.0)
+    assert arbiter.take(CommandHeader(), (99, 0), 1.0, 0.0) is Verdict.STALE
+    wait(arbiter.silence, 2.0)
+    arbiter.let_time_pass(False)
+    assert arbiter.awaiting
+    assert arbiter.take(CommandHeader(), (99, 0), 1.0, 2.0) is Verdict.STALE
+    arbiter.let_time_pass(True)
+    assert not arbiter.awaiting
+    assert (arbiter.effort, arbiter.silence.seconds) == (2.0, 0.0)
+    arbiter.expect((10, 6), 2.0)
+    for sender, stamp in ((CommandHeader(), (10, 5)), (CommandHeader(RUN, 0, OURS), (99, 0))):
+        assert arbiter.take(sender, stamp, 1.0, 2.0) is Verdict.STALE
+    assert arbiter.take(CommandHeader(), (99, 0), 1.0, 2.0) is Verdict.ACTS  # of the wall clock
+    assert arbiter.take(CommandHeader(), (99, 1), 3.0, 2.0) is Verdict.STALE  # one for a state
+    assert arbiter.effort == 1.0
+
+
 def test_a_controller_of_ours_that_is_behind_is_heard():
     arbiter = CommandArbiter(RUN, True, 0.0)
     command = CommandHeader(RUN, 0, OURS)

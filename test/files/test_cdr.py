@@ -7,6 +7,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from impulse_control_ros.files.cdr import (
     encode_float64,
+    encode_float64_array,
     encode_time,
     FIELDS,
     JointStateLayout,
@@ -143,3 +144,11 @@ def test_clock_and_float64_are_read_by_another_library(sec, nanosec, value):
     clock = STORE.deserialize_cdr(encode_time(sec, nanosec), 'rosgraph_msgs/msg/Clock').clock
     assert (clock.sec, clock.nanosec) == (sec, nanosec)
     assert STORE.deserialize_cdr(encode_float64(value), 'std_msgs/msg/Float64').data == value
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=5))
+def test_an_array_of_efforts_is_read_and_written_by_another_library(values):
+    raw, kind = encode_float64_array(values), 'std_msgs/msg/Float64MultiArray'
+    read = STORE.deserialize_cdr(raw, kind)
+    assert (read.data.tolist(), read.layout.dim, read.layout.data_offset) == (values, [], 0)
+    assert bytes(STORE.serialize_cdr(read, kind)) == raw

@@ -148,6 +148,24 @@ def test_stamps_that_ros_cannot_hold_are_refused(tmp_path, values, said):
         load_experiment(path)
 
 
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ('command_joints: [elbow, axis]', 'empty unless command_interface is effort_array'),
+        (
+            'command_interface: effort_array, command_joints: [elbow]',
+            "empty, or have joint_name = 'axis' once",
+        ),
+        ('command_interface: effort', 'one of joint_state, effort_array'),
+    ],
+)
+def test_joints_without_the_controlled_one_cannot_be_commanded(tmp_path, values, said):
+    path = tmp_path / 'array.yaml'
+    path.write_text(f'controller:\n  ros__parameters: {{{values}}}\n')
+    with pytest.raises(ParameterError, match=re.escape(said)):
+        load_experiment(path)
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ParameterError, match='nowhere.yaml'):
         load_experiment(tmp_path / 'nowhere.yaml')

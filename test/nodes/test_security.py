@@ -64,7 +64,7 @@ def taken(node, name):
 def test_each_node_takes_the_access_that_it_is_granted_and_no_more(graph, client):
     options = {
         'plant_simulator': {'damping.kind': 'noise', 'wait_for_recorder': True},
-        'controller': {'lifecycle': True},
+        'controller': {'lifecycle': True, 'command_interface': 'effort_array'},
         'recorder': {'bag': graph.folder / 'bag'},
     }
     processes = [graph.start(name, **options[name]) for name in NODES]
