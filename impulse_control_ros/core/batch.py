@@ -14,11 +14,8 @@ The result of run i depends only on its row, not on the number of threads, the o
 the other runs. Only figures of merit are kept, so memory grows with the number of runs, not with
 the number of steps. To get the trajectory of a run, call ``simulate(*row(...), duration)``.
 
-Within a step of one run, each operation waits for the previous one. Stepping LANES ideal runs side
-by side hides this latency: the conditions in the law only select values, so the compiler
-vectorizes the inner loops over the lanes. The rare step that `short_step` does not cover is
-computed lane by lane. Runs with hardware or options are computed one after another, a tenth as
-fast.
+Ideal runs step side by side in lanes (core/batch_lanes.py). Runs with hardware, or with options of
+the law other than its supervision, are computed one after another, a tenth as fast.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,25 +26,28 @@ from typing import Any
 import numba
 import numpy as np
 
+from impulse_control_ros.core.batch_lanes import (
+    add_lanes,
+    answer_lanes,
+    LANES,
+    loaded,
+    places,
+    set_damping,
+    step_lanes,
+    SUMS,
+)
 from impulse_control_ros.core.closed_loop import close_loop, empty_trace
-from impulse_control_ros.core.control_gains import ControlGains, Gains
+from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import (
-    control_step,
     FRESH,
-    GAINS,
     gains_of,
-    LawState,
     options_of,
 )
 from impulse_control_ros.core.damping import (
-    DAMPING,
-    filtered,
     NOISE,
-    sine,
     SINUSOIDAL,
-    within_bounds,
 )
-from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
+from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.metrics import (
     added,
     conclude,
@@ -59,35 +59,16 @@ from impulse_control_ros.core.metrics import (
 )
 from impulse_control_ros.core.nonidealities import begin, HARDWARE_STATE
 from impulse_control_ros.core.parameter import refusal
-from impulse_control_ros.core.plant import DIVERGED, long_step, Plant, short_step
+from impulse_control_ros.core.plant import DIVERGED, Plant
 from impulse_control_ros.core.plant_step import PlantState
 from impulse_control_ros.core.simulate import steps_of
+from impulse_control_ros.core.supervised_lanes import answer_supervised
 from impulse_control_ros.core.supervision import SUPERVISION
 from impulse_control_ros.core.varied import columns, packed_rows, Rows
 
-LANES = 32  # four vectors of eight: enough to hide latency, few enough for the L1 cache
-CACHE_LINE = 64  # bytes; a vector across two lines takes twice as long to load
 TASK = 256  # runs per task of a thread: milliseconds, so that Ctrl-C takes effect
 SAMPLES = 256  # of a run with hardware, between updates of its figures
 MEASURES = [name for name in figures_dtype(1).names or () if name not in (*COUNTS, 'diverged')]
-SUMS, X_R = len(Sums._fields), Gains._fields.index('x_r')
-KEPT = LawState._fields.index('hold') + 1  # fields that a law without options uses
-UNUSED = FRESH[KEPT:]
-NOW = (
-    'position', 'velocity', 'damping', 'noise', 'wave', 'effort', 'area', 'first_error',
-    'inverse_m', 'old_position', 'old_velocity', 'whole', 'bounded', 'm', 'F_c', 'time_step',
-)  # fmt: skip
-# a block of runs is one record, so that the compiler sees that these arrays do not overlap
-BLOCK = record(
-    [
-        *((name, 'f8', (LANES,)) for name in NOW),
-        ('guard', 'i8', (LANES,)),
-        *((name, DAMPING[name], (LANES,)) for name in DAMPING.names or ()),
-        ('gains', 'f8', (GAINS, LANES)),
-        ('law_state', 'f8', (KEPT, LANES)),
-        ('sums', 'f8', (SUMS, LANES)),
-    ]
-)
 
 
 def damping_seeds(seed: int, runs: int) -> np.ndarray:
@@ -144,9 +125,12 @@ def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:
     runs = len(rows.plant)
     x_r = rows.law['x_r']
     if rows.hardware is None:
-        blocks = loaded(rows)
+        blocks, laws, memories = loaded(rows), None, None
+        if rows.law['supervision'].any():
+            laws = rows.law.view(float).reshape(runs, -1)[places(runs)]
+            memories = np.zeros(laws.shape[:2], SUPERVISION)
         outside = np.full((len(blocks), len(tolerances), LANES), -1.0)
-        run_blocks(blocks, steps, tolerances, outside)
+        run_blocks(blocks, laws, memories, steps, tolerances, outside)
         sums = blocks['sums'].transpose(1, 0, 2).reshape(SUMS, -1)[:, :runs]
         outside = outside.transpose(0, 2, 1).reshape(-1, len(tolerances))[:runs]
         last, bounded = (blocks[name].ravel()[:runs] for name in ('position', 'bounded'))
@@ -184,127 +168,14 @@ def figures_of(rows: Rows, steps: int, tolerances: np.ndarray) -> np.ndarray:
     return figures
 
 
-def loaded(rows: Rows) -> np.ndarray:
-    """Pack runs into blocks, dtype BLOCK; copies of the last run fill the last block."""
-    runs = len(rows.plant)
-    count = -(-runs // LANES)
-    at = np.minimum(np.arange(count * LANES), runs - 1).reshape(count, LANES)
-    memory = np.zeros(count * BLOCK.itemsize + CACHE_LINE, np.uint8)
-    offset = -memory.ctypes.data % CACHE_LINE
-    blocks = memory[offset : offset + count * BLOCK.itemsize].view(BLOCK)
-    for name in ('m', 'F_c', 'time_step'):
-        blocks[name] = rows.plant[name][at]
-    for name in DAMPING.names or ():
-        blocks[name] = rows.plant['damping'][name][at]
-    for i, name in enumerate(Gains._fields):
-        blocks['gains'][:, i] = rows.law[name][at]
-    blocks['position'], blocks['velocity'] = rows.start[at, 0], rows.start[at, 1]
-    blocks['damping'], blocks['bounded'] = blocks['value'], 1.0
-    blocks['first_error'] = blocks['position'] - rows.law['x_r'][at]
-    blocks['inverse_m'] = 1.0 / blocks['m']
-    return blocks
-
-
 @compiled
-def answer_lanes(block):
-    """Evaluate the control law of each lane."""
-    for j in range(LANES):
-        gains = Gains(*to_fixed_tuple(block.gains[:, j], GAINS))
-        state = LawState(*(to_fixed_tuple(block.law_state[:, j], KEPT) + UNUSED))
-        command, after = control_step(
-            state, gains, None, None, block.position[j], block.velocity[j]
-        )
-        block.effort[j], block.area[j] = command.effort, command.area
-        block.guard[j] = command.guard
-        for i in range(KEPT):
-            block.law_state[i, j] = after[i]
-
-
-@compiled
-def add_lanes(block, outside, tolerances, tick):
-    """Add the sample of each lane to its sums."""
-    for j in range(LANES):
-        error = block.position[j] - block.gains[X_R, j]
-        sums = added(
-            Sums(*to_fixed_tuple(block.sums[:, j], SUMS)),
-            sign(block.first_error[j]),
-            error,
-            block.velocity[j],
-            block.effort[j],
-            block.area[j],
-            block.guard[j],
-        )
-        for i in range(SUMS):
-            block.sums[i, j] = sums[i]
-        small = (abs(block.position[j]) < DIVERGED) & (abs(block.velocity[j]) < DIVERGED)
-        block.bounded[j] = block.bounded[j] if small else 0.0
-    for i in range(len(tolerances)):
-        last, tolerance = outside[i], tolerances[i]
-        for j in range(LANES):
-            error = block.position[j] - block.gains[X_R, j]
-            last[j] = outside_since(last[j], tick, error, tolerance)
-
-
-@compiled
-def set_damping(block, tick, noisy, wavy):
-    """Set the damping of each lane for the sample that starts at ``tick``."""
-    if noisy:
-        for j in range(LANES):
-            block.noise[j] = filtered(
-                block.noise[j], block.pole[j], block.gain[j], block.seed[j], tick
-            )
-    if wavy:
-        for j in range(LANES):
-            block.wave[j] = sine(block.turn[j] * tick)
-    if noisy or wavy:
-        for j in range(LANES):
-            block.damping[j] = within_bounds(
-                block.kind[j],
-                block.value[j],
-                block.lower[j],
-                block.upper[j],
-                block.noise[j],
-                block.wave[j],
-            )
-
-
-@compiled
-def step_lanes(block):
-    """Step the axis of each lane."""
-    left = LANES
-    for j in range(LANES):
-        block.old_position[j], block.old_velocity[j] = block.position[j], block.velocity[j]
-        block.position[j], block.velocity[j], whole = short_step(
-            block.position[j],
-            block.velocity[j],
-            block.effort[j],
-            block.damping[j],
-            block.inverse_m[j],
-            block.F_c[j],
-            block.time_step[j],
-        )
-        block.whole[j] = 1.0 if whole else 0.0
-        left -= 1 if whole else 0
-    for j in range(LANES if left else 0):
-        if block.whole[j] == 0.0:
-            block.position[j], block.velocity[j] = long_step(
-                block.old_position[j],
-                block.old_velocity[j],
-                block.effort[j],
-                block.damping[j],
-                block.m[j],
-                block.F_c[j],
-                block.time_step[j],
-            )
-
-
-@compiled
-def run_blocks(blocks, steps, tolerances, outside):
+def run_blocks(blocks, laws, memories, steps, tolerances, outside):
     """
     Run every block for ``steps`` steps.
 
-    Fills ``outside``, shape (blocks, tolerances, LANES), with the last tick outside each
-    tolerance.
+    ``laws`` are None, or those of the supervised lanes, shape (blocks, LANES, fields of LAW);
+    ``memories`` has shape (blocks, LANES), dtype SUPERVISION. Fills ``outside``, shape (blocks,
+    tolerances, LANES), with the last tick outside each tolerance.
     """
     for i in range(len(blocks)):
         block = blocks[i]
@@ -313,7 +184,10 @@ def run_blocks(blocks, steps, tolerances, outside):
             noisy |= block.kind[j] == NOISE
             wavy |= block.kind[j] == SINUSOIDAL
         for tick in range(steps + 1):
-            answer_lanes(block)
+            if laws is None:
+                answer_lanes(block)
+            else:
+                answer_supervised(block, laws[i], memories[i], tick)
             add_lanes(block, outside[i], tolerances, float(tick))
             if tick < steps:
                 set_damping(block, tick, noisy, wavy)

@@ -72,9 +72,7 @@ def close_loop(
             position, velocity = inner.position, inner.velocity
             trace.applied[k] = state.effort
             trace.measured_position[k], trace.measured_velocity[k] = position, velocity
-        command, law_state = control_step(
-            law_state, gains, options, watch, position, velocity
-        )
+        command, law_state = control_step(law_state, gains, options, watch, position, velocity)
         trace.effort[k], trace.area[k] = command.effort, command.area
         trace.guard[k] = command.guard
         if options is not None:
@@ -89,9 +87,7 @@ def empty_trace(count: int, ideal: bool = False, plain: bool = False) -> Trace:
     """Return an empty trace for an ``ideal`` plant, and a law without options if ``plain``."""
     position, velocity, damping, effort, area = (np.empty(count) for _ in range(5))
     guard, verdict, ratio = np.empty(count, np.int8), np.zeros(count, np.int8), np.zeros(count)
-    applied, x, v = (
-        (effort, position, velocity) if ideal else (np.empty(count) for _ in range(3))
-    )
+    applied, x, v = (effort, position, velocity) if ideal else (np.empty(count) for _ in range(3))
     used = v if plain else np.empty(count)
     return Trace(
         position, velocity, applied, damping, x, v, effort, area, guard, used, verdict, ratio

@@ -67,7 +67,6 @@ from impulse_control_ros.core.supervision import (
     note_impulse,
     note_turn,
     observe,
-    SUPERVISION,
 )
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
@@ -133,13 +132,13 @@ STATES, GAINS, OPTIONS = len(LawState._fields), len(Gains._fields), len(LawOptio
 
 
 @compiled
-def control_step(state, gains, options, memory, position, velocity):
+def control_step(state, gains, options, memory, position, velocity, exact=False):
     """
     Evaluate the law at one sample; return the `Command` and the next `LawState`.
 
     ``memory`` is that of the supervision, a record of dtype SUPERVISION. If ``options`` and
     ``memory`` are None (all off), numba compiles the law without them. Conditions then only select
-    values, so a batch computes many runs at once.
+    values, so a batch computes many runs at once. An ``exact`` sample is known to have no noise.
     """
     velocity = velocity_of(state, gains, options, memory, position, velocity)
     error, free, verdict, ratio = position - gains.x_r, True, 0, 0.0
@@ -148,7 +147,7 @@ def control_step(state, gains, options, memory, position, velocity):
         if state.started == 0.0:
             begin_supervision(memory, options, error, velocity)
         else:
-            observe(memory, state, gains, options, position, error, velocity)
+            observe(memory, state, gains, options, position, error, velocity, exact)
         free, verdict, ratio = may_fire(memory), memory.verdict, memory.ratio
         gains = learnt_gains(gains, options, memory)
     guarded, braked, ahead = looked_at(gains, options, memory, position, velocity)

@@ -30,7 +30,13 @@ n             delay           samples   from an impulse to its jump, beyond the 
 import numpy as np
 
 from impulse_control_ros.core.jit import compiled, record, sign
-from impulse_control_ros.core.velocity_noise import begin_noise, is_known, next_noise, NOISE
+from impulse_control_ros.core.velocity_noise import (
+    begin_noise,
+    is_known,
+    next_noise,
+    NOISE,
+    pass_exact,
+)
 
 VERDICTS = ('', 'confirmed', 'absent', 'out_of_band', 'reversed', 'growing', 'stalled')
 NO_VERDICT, CONFIRMED, ABSENT, OUT_OF_BAND, REVERSED, GROWING, STALLED = range(7)
@@ -130,17 +136,19 @@ def mass_scale(learnt, options):
 
 
 @compiled
-def observe(memory, state, gains, options, position, error, velocity):
-    """Judge a sample, before the law answers it."""
-    noise, flight = memory.noise, memory.flight
-    learnt, suspension = memory.learnt, memory.suspension
+def observe(memory, state, gains, options, position, error, velocity, exact):
+    """Judge a sample, before the law answers it; an ``exact`` one has no noise."""
+    noise, flight, suspension = memory.noise, memory.flight, memory.suspension
     difference = (position - state.position) * gains.sample_rate
     memory.verdict, memory.ratio = NO_VERDICT, 0.0
     if flight.age == 0.0:
         follow(flight, noise, options, velocity, difference)
     else:
         watch(memory, state, gains, options, position, velocity, difference)
-    next_noise(noise, velocity, difference)
+    if exact:
+        pass_exact(noise, 1.0)
+    else:
+        next_noise(noise, velocity, difference)
     if state.x_r != gains.x_r:
         begin_response(suspension, error)
     judge_error(memory, gains, abs(error))
@@ -177,14 +185,18 @@ def end_flight(flight):
 @compiled
 def block_noise(noise, by_difference, size):
     """Return the standard deviation [m/s] of a mean over ``size`` samples."""
-    return noise.difference.sd / size if by_difference != 0.0 else noise.velocity.sd / np.sqrt(size)
+    return (
+        noise.difference.sd / size if by_difference != 0.0 else noise.velocity.sd / np.sqrt(size)
+    )
 
 
 @compiled
 def block_size(noise, by_difference, expected):
     """Return the samples of a block whose noise is small against the ``expected`` jump [m/s]."""
     ratio = 40.0 / abs(expected)
-    needed = ratio * noise.difference.sd if by_difference != 0.0 else (ratio * noise.velocity.sd) ** 2
+    needed = (
+        ratio * noise.difference.sd if by_difference != 0.0 else (ratio * noise.velocity.sd) ** 2
+    )
     return min(max(np.ceil(needed), 1.0), LONGEST)
 
 
@@ -213,7 +225,9 @@ def watch(memory, state, gains, options, position, velocity, difference):
         look(memory, options, most, least, surplus, position)
     else:
         flight.seen += 1.0
-        measure_jump(memory, state, gains, options, most, least, change, surplus, sd, mean, position)
+        measure_jump(
+            memory, state, gains, options, most, least, change, surplus, sd, mean, position
+        )
     if flight.seen == 0.0:
         flight.trend += (1.0 if flight.size == 1.0 else 0.25) * (way * change - flight.trend)
     elif memory.verdict != NO_VERDICT:
@@ -242,9 +256,7 @@ def look(memory, options, most, least, surplus, position):
 
 
 @compiled
-def measure_jump(
-    memory, state, gains, options, most, least, change, surplus, sd, mean, position
-):
+def measure_jump(memory, state, gains, options, most, least, change, surplus, sd, mean, position):
     """Measure the jump once it grows no more."""
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
     way = sign(flight.area)

@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from impulse_control_ros.core.batch import figures_of, LANES, require_tolerances
+from impulse_control_ros.core.batch import figures_of, require_tolerances
+from impulse_control_ros.core.batch_lanes import LANES
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.distributions import Distribution, SUITED
 from impulse_control_ros.core.metric_catalogue import METRICS, settling, sweep_metrics, TOLERANCES

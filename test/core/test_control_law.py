@@ -1,5 +1,7 @@
 """The control law of one sample: guards, gains, memory, limits."""
 
+from dataclasses import replace
+
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -12,9 +14,11 @@ from impulse_control_ros.core.control_law import (
     FRESH,
     NO_IMPULSE,
     POSITION_ZERO,
+    STATES,
     STICKING,
     VELOCITY_ZERO,
 )
+from impulse_control_ros.core.supervision import SUPERVISION
 
 M, K, D, D_BAR, STEP = 0.1, 10.0, 0.5, 1.5, 1e-4
 
@@ -26,13 +30,15 @@ def answers(samples, gains=None):
     The law without options and the one with all of them off do, and say the same to the bit.
     """
     plain, state, command = FRESH, np.zeros(STATES), np.zeros(1, COMMAND)
+    memory = np.zeros(1, SUPERVISION)
     given_answers, changes = [], [gains or ControlGains()]
     for position, velocity, *change in samples:
         changes += change
         if changes:
             gains = changes.pop()
-        control_in_place(state, gains.packed().view(float), position, velocity, command)
-        expected, plain = control_step(plain, gains.values, None, position, velocity)
+        law = replace(gains, supervision=False).packed().view(float)
+        control_in_place(state, memory, law, position, velocity, command)
+        expected, plain = control_step(plain, gains.values, None, None, position, velocity)
         assert np.array(command[0].item()[:2]).tobytes() == np.array(expected[:2]).tobytes()
         assert command[0]['guard'] == expected.guard
         given_answers.append(command[0].copy())

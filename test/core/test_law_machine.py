@@ -11,13 +11,14 @@ from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import (
     COMMAND,
     control_in_place,
-    FRESH,
     LawState,
     NO_IMPULSE,
     POSITION_ZERO,
+    STATES,
     STICKING,
     VELOCITY_ZERO,
 )
+from impulse_control_ros.core.supervision import SUPERVISION
 
 DT = 1e-3
 sizes = st.floats(1e-9, 10.0)
@@ -52,9 +53,15 @@ class Law(RuleBasedStateMachine):
         )
     )
     def begin(self, values):
-        self.values = values | {'time_step': DT, 'x_r': 0.0, 'impulses': True}
+        self.values = values | {
+            'time_step': DT,
+            'x_r': 0.0,
+            'impulses': True,
+            'supervision': False,
+        }
         self.set()
         self.state, self.command = np.zeros(STATES), np.zeros(1, COMMAND)
+        self.memory = np.zeros(1, SUPERVISION)
         self.effort, self.guard, self.area = 0.0, NO_IMPULSE, 0.0
         self.before = None
         self.owed = self.sent = 0.0
@@ -78,7 +85,7 @@ class Law(RuleBasedStateMachine):
     @rule(position=anywhere, velocity=st.one_of(anywhere, st.just(math.nan)))
     def sample(self, position, velocity):
         waiting = LawState(*self.state).pending
-        control_in_place(self.state, self.law, position, velocity, self.command)
+        control_in_place(self.state, self.memory, self.law, position, velocity, self.command)
         self.effort, self.area, self.guard, taken = self.command.item()
         gains = self.gains
         if gains.velocity_source == 'measured' and not math.isnan(velocity):
