@@ -272,6 +272,8 @@ def _on_friction(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
                 ),
             )
         return
+    if gains.supervision:
+        return  # it suspends impulses that do not move the axis
     quiet = quiet_error(
         gains, friction, max(plant.m, plant.m + plant.payload.mass), plant.actuator.time_constant
     )

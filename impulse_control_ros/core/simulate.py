@@ -75,7 +75,8 @@ def simulate(plant: Plant, gains: ControlGains, duration: float) -> Run:
     not positive, and `DivergedError` if the motion diverges.
     """
     steps = steps_of(plant, gains, duration)
-    ideal, plain = plant.is_ideal, not gains.has_options
+    ideal = plant.is_ideal
+    plain = ideal and not gains.has_options
     trace = empty_trace(steps + 1, ideal, plain)
     ClosedLoop(plant, gains, ideal, plain).fill(trace, step_on=False)
     end = first_diverged(trace)

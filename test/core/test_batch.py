@@ -1,23 +1,20 @@
 """Batches: each run is the simulation of its row, whatever runs beside it."""
 
+from dataclasses import replace
 import tracemalloc
 
 import numba
 import numpy as np
 import pytest
 
-from impulse_control_ros.core.batch import (
-    damping_seeds,
-    LANES,
-    loaded,
-    run_blocks,
-    simulate_batch,
-)
+from impulse_control_ros.core.batch import damping_seeds, run_blocks, simulate_batch
+from impulse_control_ros.core.batch_lanes import LANES, loaded, places
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.metrics import figures
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.supervision import SUPERVISION
 from impulse_control_ros.core.varied import columns, packed_rows, row
 from impulse_control_ros.errors import DivergedError, ParameterError
 
@@ -67,15 +64,42 @@ def test_the_figures_of_a_run_are_those_of_its_simulation_to_the_last_bit(runs, 
         assert batch[i : i + 1].tobytes() == alone.tobytes(), (axis, controller)
 
 
+def test_a_supervised_run_is_its_simulation_whatever_mass_it_learns():
+    draw = np.random.default_rng(3)
+    varied = {
+        'plant_simulator.m': 0.1 * np.exp(draw.uniform(-1.6, 1.6, 3 * LANES)),
+        'F_c': draw.choice([0.0, 1.0], 3 * LANES),
+        'x_0': draw.uniform(-0.5, 0.5, 3 * LANES),
+        'v_0': draw.choice([0.0, 0.0, -3.0, 2.0], 3 * LANES),
+        'damping.value': draw.uniform(0.15, 1.5, 3 * LANES),
+        'effort_limit': draw.choice([0.0, 30.0, 300.0], 3 * LANES),
+        'supervision': draw.choice([True, True, True, False], 3 * LANES),
+        'position_deadband': draw.choice([1e-6, 2e-3], 3 * LANES),
+    }
+    batch = simulate_batch(AXIS, CONTROLLER, 1.5, varied, TOLERANCES)
+    assert batch['diverged'].any()  # a mass well below the assumed one, unsupervised
+    assert not batch['diverged'][varied['supervision']].any()
+    for i in np.flatnonzero(~batch['diverged']):
+        axis, controller = row(AXIS, CONTROLLER, varied, int(i))
+        run = simulate(axis, controller, 1.5)
+        alone = figures(run.time, run.position, run.velocity, run.effort, run.events, TOLERANCES)
+        assert batch[i : i + 1].tobytes() == alone.tobytes(), (axis, controller)
+
+
+@pytest.mark.parametrize('supervision', [False, True])
 @pytest.mark.parametrize('steps', [1, 2, 3, 10, 333, 1500])
-def test_the_state_of_a_lane_is_that_of_its_simulation_at_every_step(steps):
+def test_the_state_of_a_lane_is_that_of_its_simulation_at_every_step(steps, supervision):
+    controller = replace(CONTROLLER, supervision=supervision)
     varied = assorted(2 * LANES)
-    rows = packed_rows(AXIS, CONTROLLER, *columns(varied), 2 * LANES)
-    blocks = loaded(rows)
-    run_blocks(blocks, steps, np.array(TOLERANCES), np.zeros((2, 3, LANES)))
+    rows = packed_rows(AXIS, controller, *columns(varied), 2 * LANES)
+    blocks, laws, memories = loaded(rows), None, None
+    if supervision:
+        laws = rows.law.view(float).reshape(2 * LANES, -1)[places(2 * LANES)]
+        memories = np.zeros(laws.shape[:2], SUPERVISION)
+    run_blocks(blocks, laws, memories, steps, np.array(TOLERANCES), np.zeros((2, 3, LANES)))
     states = [blocks[name].ravel() for name in ('position', 'velocity', 'effort')]
     for i in range(2 * LANES):
-        run = simulate(*row(AXIS, CONTROLLER, varied, i), steps * AXIS.time_step)
+        run = simulate(*row(AXIS, controller, varied, i), steps * AXIS.time_step)
         last = [values[-1] for values in (run.position, run.velocity, run.effort)]
         assert [values[i].tobytes() for values in states] == [value.tobytes() for value in last]
 

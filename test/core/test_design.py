@@ -1,6 +1,7 @@
 """Gains, predictions and findings, against closed forms, the exact solution and the loop."""
 
 from dataclasses import replace
+from functools import partial
 import math
 
 from hypothesis import given, settings, strategies as st
@@ -38,6 +39,7 @@ from test.conftest import CONFIG
 
 PD = ControlGains(impulses=False)
 AXIS = Plant(x_0=0.5, F_c=0.0, damping=Damping(value=0.15))
+paper_gains = partial(ControlGains, supervision=False)
 ROUGH = Plant(x_0=0.15, F_c=1.0, damping=Damping(value=0.15))
 
 
@@ -92,7 +94,7 @@ def test_pd_alone_sticks_in_the_dead_zone_and_leaves_it_from_outside():
 @pytest.mark.parametrize('c', [1.0, 2.0])
 @pytest.mark.parametrize('step', [1e-3, 1e-4])
 def test_the_sampled_loop_comes_to_rest_at_the_floor(step, c):
-    gains = ControlGains(time_step=step, c=c)
+    gains = paper_gains(time_step=step, c=c)
     axis = Plant(x_0=0.02, F_c=1.0, time_step=step, damping=Damping(value=0.15))
     run = simulate(axis, gains, 6.0)
     floor = sampled_floor(gains, 1.0)
@@ -183,7 +185,7 @@ def test_the_mass_with_the_payload_is_judged_too():
 
 
 def test_a_lag_raises_the_error_from_which_an_impulse_releases():
-    patient = ControlGains(
+    patient = paper_gains(
         stiction_wait_samples=302, position_deadband=2e-3, velocity_deadband=0.05
     )
     axis = replace(ROUGH, F_c=0.3, actuator=Actuator(time_constant=1e-2))
@@ -213,10 +215,11 @@ def test_friction_without_impulses_is_a_note_on_the_dead_zone():
 
 
 def test_a_dead_band_below_the_sampled_floor_is_a_note_with_the_one_that_ends_the_impulses():
-    (text,) = said(Level.NOTE, ControlGains(), ROUGH)
+    (text,) = said(Level.NOTE, paper_gains(), ROUGH)
     assert text.startswith('position_deadband = 1e-06 m is below 0.000133467 m, up to which')
     assert 'a position_deadband above 0.000133467 m ends them' in text
-    gains = ControlGains(position_deadband=1.34e-4)
+    assert said(Level.NOTE, ControlGains(), ROUGH) == []
+    gains = paper_gains(position_deadband=1.34e-4)
     assert check_gains(gains, ROUGH) == []
     assert simulate(ROUGH, gains, 6.0).events['tick'][-1] < 5.0 / 1e-4
 
@@ -231,7 +234,7 @@ def at_rest(axis, gains, least=0.05, most=0.6):
 
 def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_double():
     # seen above 0.5 mm/s: m 5e-4 is half of F_c dt
-    hiding = ControlGains(velocity_deadband=5e-4, position_deadband=1.99e-4)
+    hiding = paper_gains(velocity_deadband=5e-4, position_deadband=1.99e-4)
     (text,) = said(Level.NOTE, hiding, ROUGH)
     assert 'above 0.0002 m ends them' in text
     assert at_rest(ROUGH, hiding) > 0
@@ -247,7 +250,7 @@ def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_doub
 
 def test_an_encoder_shows_no_error_between_its_steps():
     q = 1e-4
-    gains = ControlGains(velocity_deadband=1.0, position_deadband=1.5 * q)
+    gains = paper_gains(velocity_deadband=1.0, position_deadband=1.5 * q)
 
     def noted(F_c, x_r=0.0):
         axis = replace(ROUGH, F_c=F_c, sensor=Sensor(resolution=q))
@@ -261,8 +264,9 @@ def test_an_encoder_shows_no_error_between_its_steps():
     experiment = load_experiment(CONFIG / 'encoder.yaml')
     for F_c, storms in ((1.14, False), (1.16, True)):
         axis = replace(experiment.plant, F_c=F_c)
-        assert (said(Level.NOTE, experiment.gains, axis) != []) == storms
-        assert (at_rest(axis, experiment.gains) > 0) == storms
+        gains = replace(experiment.gains, supervision=False)
+        assert (said(Level.NOTE, gains, axis) != []) == storms
+        assert (at_rest(axis, gains) > 0) == storms
 
 
 def test_an_effort_limit_within_the_friction_is_an_error():

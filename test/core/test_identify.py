@@ -28,7 +28,7 @@ TRUTH = {'m': 0.1, 'd': 0.5, 'F_c': 1.0, 'offset': 0.0}
 
 def simulated(name, duration=2.0):
     experiment = ic.load_experiment(CONFIG / f'{name}.yaml')
-    return ic.simulate(experiment.plant, experiment.gains, duration)
+    return ic.simulate(experiment.plant, replace(experiment.gains, supervision=False), duration)
 
 
 def errors(found, truth):

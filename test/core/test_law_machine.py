@@ -86,7 +86,7 @@ class Law(RuleBasedStateMachine):
     def sample(self, position, velocity):
         waiting = LawState(*self.state).pending
         control_in_place(self.state, self.memory, self.law, position, velocity, self.command)
-        self.effort, self.area, self.guard, taken = self.command.item()
+        self.effort, self.area, self.guard, taken, *_ = self.command.item()
         gains = self.gains
         if gains.velocity_source == 'measured' and not math.isnan(velocity):
             assert taken == velocity

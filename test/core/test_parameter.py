@@ -87,7 +87,12 @@ def test_flat_and_build_are_inverse_to_each_other():
 
 
 def test_every_parameter_has_a_description_and_every_quantity_a_unit():
-    dimensionless = {'c', 'alpha_ratio'}
+    dimensionless = {
+        'c',
+        'alpha_ratio',
+        'mass_ratio_limits.lower',
+        'mass_ratio_limits.upper',
+    }
     for kind in (Plant, ControlGains):
         for name, default, spec in declared(kind):
             assert spec.description
