@@ -73,6 +73,7 @@ LEARNT = record(
         ('jumps', 'f8'),  # in masses
         ('masses', 'f8', (MASSES,)),  # m / assumed m, the newest first
         ('mass', 'f8'),  # their median
+        ('inverse_m', 'f8'),  # [1/kg] of the assumed m
     ]
 )
 SUSPENSION = record(
@@ -110,6 +111,7 @@ def begin_supervision(memory, options, error, velocity):
     begin_noise(memory.noise, velocity)
     flight.by_difference, flight.level = options.estimates, velocity
     flight.size = flight.level_size = memory.learnt.mass = 1.0
+    memory.learnt.inverse_m = options.inverse_m
     begin_response(memory.suspension, error)
 
 
@@ -141,6 +143,8 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
     noise, flight, suspension = memory.noise, memory.flight, memory.suspension
     difference = (position - state.position) * gains.sample_rate
     memory.verdict, memory.ratio = NO_VERDICT, 0.0
+    if options.inverse_m != memory.learnt.inverse_m:
+        assume_mass(memory.learnt, options.inverse_m)
     if flight.age == 0.0:
         follow(flight, noise, options, velocity, difference)
     else:
@@ -155,6 +159,16 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
     if memory.verdict != NO_VERDICT:
         judge(memory, gains)
         end_flight(flight)
+
+
+@compiled
+def assume_mass(learnt, inverse_m):
+    """Keep the learnt mass while m is set to another value."""
+    change = inverse_m / learnt.inverse_m
+    learnt.inverse_m = inverse_m
+    learnt.mass *= change
+    for i in range(MASSES):
+        learnt.masses[i] *= change
 
 
 @compiled
