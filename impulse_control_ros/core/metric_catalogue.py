@@ -213,6 +213,9 @@ SAMPLE_COLUMNS = {
         'impulse area', 'N s', 'J of the impulse that this state triggered; 0 if none'
     ),
     'guard': Quantity('guard', '', "guard of that impulse; '' if none"),
+    'verdict': Quantity(
+        'verdict', '', "verdict that this state gives on an earlier impulse; '' if none"
+    ),
     'damping': Quantity('damping', 'N s/m', 'd, if it was published at this sample'),
     'is_reset': Quantity('is_reset', '', 'whether a run or an episode starts here'),
 }

@@ -3,16 +3,18 @@ The protocol between the plant, its controllers and its recorders.
 
 Every message has its run and author in ``header.frame_id``, otherwise unused in JointState:
 
-=====================  ============================  ===========================================
-message                frame_id                      meaning
-=====================  ============================  ===========================================
-joint_states           run:NNNNNNNN.E CONTROLLER     CONTROLLER: the active one, absent if none
-joint_commands         run:NNNNNNNN.E AUTHOR GUARD   GUARD: the one that fired, absent if none
-impulse_events         run:NNNNNNNN.E AUTHOR GUARD
+=====================  ====================================  ===================================
+message                frame_id                              meaning
+=====================  ====================================  ===================================
+joint_states           run:NNNNNNNN.E CONTROLLER             the active one, absent if none
+joint_commands         run:NNNNNNNN.E AUTHOR GUARD VERDICT   see below
+impulse_events         run:NNNNNNNN.E AUTHOR GUARD VERDICT
 recorder_progress      run:NNNNNNNN RECORDER
-run_parameters (node)  run:NNNNNNNN NODE             NODE: plant name or controller id
-=====================  ============================  ===========================================
+run_parameters (node)  run:NNNNNNNN NODE                     NODE: plant name or controller id
+=====================  ====================================  ===================================
 
+GUARD: the one that fired. VERDICT: that of the supervision on an earlier impulse. Both are absent
+if there is none; ``-`` stands for no guard before a verdict. A sample with either has an event.
 NNNNNNNN: 8 random hexadecimal digits, new at each start of a plant. E: the episode, 0 at the
 start and incremented at each reset. An id is a node's full name, ``#`` and 4 random digits, new
 at each start. Any other frame_id belongs to a foreign peer, such as a robot driver.
@@ -26,9 +28,9 @@ at each start. Any other frame_id belongs to a foreign peer, such as a robot dri
    a republished state with the same bytes. A new run or episode clears its memory.
 3. A controller keeps its run while it receives states of it. It ignores states of another run,
    and adopts that run after `RUN_TIMEOUT` without a state of its own.
-4. A controller always answers a foreign plant, with only the guard as frame_id. The plant takes
-   the commands of a foreign controller by rule 1, and its states then name `FOREIGN`. A foreign
-   manager may wait for time to pass, and stamp by another clock: after ``command_timeout``
+4. A controller always answers a foreign plant, with only GUARD VERDICT as frame_id. The plant
+   takes the commands of a foreign controller by rule 1, and its states then name `FOREIGN`. A
+   foreign manager may wait for time to pass, and stamp by another clock: after ``command_timeout``
    without a command, while /clock is read and no controller of ours is there, a plant in lockstep
    makes a sample with the effort held, and then takes foreign commands with later stamps as well.
 5. A recorder joins when it publishes its progress, and is dropped after ``recorder_timeout``
@@ -47,12 +49,13 @@ import re
 import secrets
 from typing import NamedTuple
 
-FOREIGN = '-'
+FOREIGN = NO_GUARD = '-'
 RUN_TIMEOUT = 1.0  # s
 WINDOW = 1000  # samples
 ENDLESS = 2**62
 _STATE = re.compile(r'run:([0-9a-f]{8})\.(\d{1,9})(?: (\S+))?')
-_COMMAND = re.compile(r'run:([0-9a-f]{8})\.(\d{1,9}) (\S+)(?: (\S+))?')
+_COMMAND = re.compile(r'run:([0-9a-f]{8})\.(\d{1,9}) (\S+)(?: (\S+))?(?: (\S+))?')
+_FOREIGN_COMMAND = re.compile(r'(\S+) (\S+)')
 _NODE = re.compile(r'(?:run:([0-9a-f]{8}) )?(\S+)')
 
 
@@ -75,21 +78,29 @@ class CommandHeader(NamedTuple):
     """
     The frame_id of a command or an event.
 
-    ``run`` is '' if the plant or the controller is foreign; a parsed ``author`` is then
-    `FOREIGN`, and ``guard`` the whole frame_id.
+    ``guard`` and ``verdict`` are '' if there is none. ``run`` is '' if the plant or the controller
+    is foreign; a parsed ``author`` is then `FOREIGN`, and ``guard`` the whole frame_id, unless it
+    has two words.
     """
 
     run: str = ''
     episode: int = 0
     author: str = FOREIGN
     guard: str = ''
+    verdict: str = ''
 
     @property
     def frame_id(self) -> str:
-        """The frame_id; the guard alone without a run."""
+        """The frame_id; guard and verdict alone without a run."""
+        what = f'{self.guard or NO_GUARD} {self.verdict}' if self.verdict else self.guard
         if not self.run:
-            return self.guard
-        return f'run:{self.run}.{self.episode} {self.author}' + f' {self.guard}' * bool(self.guard)
+            return what
+        return f'run:{self.run}.{self.episode} {self.author}' + f' {what}' * bool(what)
+
+    @property
+    def has_event(self) -> bool:
+        """Whether an event belongs to the command."""
+        return bool(self.guard or self.verdict)
 
 
 class NodeHeader(NamedTuple):
@@ -113,9 +124,17 @@ def parse_state(frame_id: str) -> StateHeader:
 def parse_command(frame_id: str) -> CommandHeader:
     """Parse the frame_id of a command or an event."""
     found = _COMMAND.fullmatch(frame_id)
-    if not found:
-        return CommandHeader(guard=frame_id)
-    return CommandHeader(found[1], int(found[2]), found[3], found[4] or '')
+    if found:
+        return CommandHeader(found[1], int(found[2]), found[3], guard_in(found[4]), found[5] or '')
+    words = _FOREIGN_COMMAND.fullmatch(frame_id)
+    return CommandHeader(
+        guard=guard_in(words[1]) if words else frame_id, verdict=words[2] if words else ''
+    )
+
+
+def guard_in(word: str | None) -> str:
+    """Return the guard that a word of a frame_id stands for; '' for none."""
+    return '' if word in (None, NO_GUARD) else str(word)
 
 
 def parse_node(frame_id: str) -> NodeHeader:

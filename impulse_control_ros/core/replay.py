@@ -19,6 +19,7 @@ from impulse_control_ros.core.closed_loop import (
 )
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import answer_samples, COMMAND, FRESH
+from impulse_control_ros.core.learnt import Learnt, learnt_from
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.supervision import SUPERVISION
 
@@ -51,8 +52,21 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
 
     ``velocity`` is nan where it was not measured. The first piece starts at sample 0.
     """
-    commands, state = np.zeros(len(position), COMMAND), FRESH
-    memory = np.zeros(1, SUPERVISION)
+    commands = np.zeros(len(position), COMMAND)
+    for _ in answers(position, velocity, pieces, commands):
+        pass
+    return commands
+
+
+def answers(
+    position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece], commands: np.ndarray
+) -> Iterator[np.ndarray]:
+    """
+    Fill ``commands`` piece by piece, see `answered`.
+
+    Yields the memory of the supervision after each piece: shape (1,), dtype SUPERVISION.
+    """
+    state, memory = FRESH, np.zeros(1, SUPERVISION)
     for piece, span in spans(pieces, len(position)):
         if piece.afresh:
             state, memory = FRESH, np.zeros(1, SUPERVISION)
@@ -65,7 +79,30 @@ def answered(position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
             velocity[span],
             commands[span],
         )
-    return commands
+        yield memory
+
+
+def learnt_at(
+    samples: Sequence[int], position: np.ndarray, velocity: np.ndarray, pieces: Sequence[Piece]
+) -> list[Learnt]:
+    """Return what the law of `answered` has learnt after each of ``samples``."""
+    parts = divided(pieces, [sample + 1 for sample in samples])
+    ends = [*(part.first for part in parts[1:]), len(position)]
+    memories = answers(position, velocity, parts, np.zeros(len(position), COMMAND))
+    found = {
+        end: learnt_from(memory, part.gains)
+        for part, end, memory in zip(parts, ends, memories, strict=True)
+    }
+    return [found[sample + 1] for sample in samples]
+
+
+def divided(pieces: Sequence[Piece], firsts: Sequence[int]) -> list[Piece]:
+    """Return the pieces, divided at each of ``firsts``."""
+    given, parts = {piece.first: piece for piece in pieces}, [pieces[0]]
+    for first in sorted({*firsts, *given} - {pieces[0].first}):
+        going_on = parts[-1]._replace(first=first, afresh=False, start=None)
+        parts.append(given.get(first, going_on))
+    return parts
 
 
 def run_again(count: int, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
+from impulse_control_ros.core.supervision import NO_VERDICT
 from impulse_control_ros.core.tick import require_duration, ticks
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import DivergedError
@@ -16,6 +17,7 @@ from impulse_control_ros.errors import DivergedError
 EVENT = np.dtype(
     [('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]
 )
+VERDICT = np.dtype([('tick', 'i8'), ('verdict', 'i8'), ('ratio', 'f8')])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +28,10 @@ class Run(Trajectory):
     ``time`` [s], ``position`` [m], ``velocity`` [m/s] and ``effort`` [N] (the command that answers
     each state) have shape (n + 1,). ``damping`` [N s/m] and ``applied`` [N] (the mean effort of
     the actuator) act over the sample that starts at each state and have shape (n,). ``events`` has
-    dtype EVENT and one row per impulse. The controller saw ``measured_position`` [m] and
-    ``measured_velocity`` [m/s] (nan if not measured); for an ideal axis they are the state itself.
-    ``x_r`` [m] is the set-point.
+    dtype EVENT and one row per impulse, ``verdicts`` dtype VERDICT and one row per verdict of the
+    supervision (index in VERDICTS), with the jump over the expected one. The controller saw
+    ``measured_position`` [m] and ``measured_velocity`` [m/s] (nan if not measured); for an ideal
+    axis they are the state itself. ``x_r`` [m] is the set-point.
     """
 
     time: np.ndarray
@@ -37,6 +40,7 @@ class Run(Trajectory):
     effort: np.ndarray
     damping: np.ndarray
     events: np.ndarray
+    verdicts: np.ndarray
     applied: np.ndarray
     measured_position: np.ndarray
     measured_velocity: np.ndarray
@@ -94,6 +98,7 @@ def simulate(plant: Plant, gains: ControlGains, duration: float) -> Run:
         measured_position=trace.measured_position,
         measured_velocity=trace.measured_velocity,
         events=events_of(trace),
+        verdicts=verdicts_of(trace),
         x_r=gains.x_r,
     )
 
@@ -106,3 +111,12 @@ def events_of(trace: Trace) -> np.ndarray:
     events['position'] = trace.measured_position[fired]
     events['velocity'] = trace.used_velocity[fired]
     return events
+
+
+def verdicts_of(trace: Trace) -> np.ndarray:
+    """Return the verdicts of a trace, dtype VERDICT."""
+    judged = np.flatnonzero(trace.verdict != NO_VERDICT)
+    verdicts = np.empty(len(judged), VERDICT)
+    verdicts['tick'], verdicts['verdict'] = judged, trace.verdict[judged]
+    verdicts['ratio'] = trace.ratio[judged]
+    return verdicts

@@ -11,7 +11,7 @@ from impulse_control_ros.files.joint_state_arrays import (
     COMMAND,
     DAMPING as DAMPING_ROWS,
     damping_rows,
-    IMPULSE,
+    EVENT,
     JointStateTable,
     Messages,
     SAMPLE,
@@ -42,7 +42,7 @@ from impulse_control_ros.files.topics import (
 KINDS: dict[str, np.dtype[Any]] = {
     JOINT_STATES: SAMPLE,
     JOINT_COMMANDS: COMMAND,
-    IMPULSE_EVENTS: IMPULSE,
+    IMPULSE_EVENTS: EVENT,
 }
 
 

@@ -7,13 +7,14 @@ import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import FOREIGN
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND, seconds
-from impulse_control_ros.files.joint_state_arrays import Messages
+from impulse_control_ros.files.joint_state_arrays import Messages, Origin
 from impulse_control_ros.files.run_choice import OneRun
 from impulse_control_ros.files.run_parameters import acting, Change
 
 MOVING = 0.1  # part of the peak speed below which an axis counts as standing
-NO_EVENT = 'commands name a guard whose event is missing'
+NO_EVENT = 'commands name a guard or a verdict whose event is missing'
 
 
 def lacking(run: OneRun, changes: Sequence[Change]) -> list[str]:
@@ -65,8 +66,8 @@ def is_mid_run(states: np.ndarray, run: str) -> bool:
 
 
 def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
-    """Report states (except the last) without a command, and impulses without an event."""
-    states, commands, impulses = run.series
+    """Report states (except the last) without a command, and commands without their event."""
+    states, commands, events = run.series
     plant = next((change for change in changes if change.is_plant), None)
     if not len(commands.rows):
         yield 'there are no commands'
@@ -84,9 +85,14 @@ def of_commands(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:
                     f'the first commands of {change.node} are missing; it started at '
                     f'{seconds(change.stamp)} s'
                 )
-    fired = commands.stamps[commands.per_message(lambda origin: origin.guard in GUARDS[1:]) > 0]
-    if missing := int(np.count_nonzero(~is_in(fired, impulses.stamps))):
+    announced = commands.stamps[commands.per_message(announces) > 0]
+    if missing := int(np.count_nonzero(~is_in(announced, events.stamps))):
         yield f'{missing} {NO_EVENT}'
+
+
+def announces(origin: Origin) -> bool:
+    """Tell whether commands of an origin announce an event."""
+    return origin.guard in GUARDS[1:] or origin.verdict in VERDICTS[1:]
 
 
 def of_parameters(run: OneRun, changes: Sequence[Change]) -> Iterator[str]:

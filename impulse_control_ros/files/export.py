@@ -16,6 +16,7 @@ import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced
@@ -23,6 +24,7 @@ from impulse_control_ros.files.recording import read_bag, Recording
 
 UNITS = {name: column.unit for name, column in SAMPLE_COLUMNS.items()}
 KEY = 'impulse_control_ros'
+WORDS = {'guard': GUARDS, 'verdict': VERDICTS}
 PANDAS_KEY = 'PANDAS_ATTRS'  # where pandas looks for DataFrame.attrs
 Bag = str | Path | Recording  # a folder, a file, or the result of `read_bag`
 
@@ -30,7 +32,7 @@ Bag = str | Path | Recording  # a folder, a file, or the result of `read_bag`
 def to_numpy(bag: Bag) -> np.ndarray:
     """Return a structured array of shape (n,), see above; raises `BagError` for an invalid bag."""
     columns = columns_of(sampled(bag))
-    columns['guard'] = np.array(GUARDS)[columns['guard']]
+    columns |= {name: np.array(words)[columns[name]] for name, words in WORDS.items()}
     table = np.empty(
         len(columns['time']), [(name, column.dtype) for name, column in columns.items()]
     )
@@ -54,7 +56,7 @@ def to_parquet(bag: Bag, file: str | Path) -> int:
     table = to_arrow(bag)
     with replaced(Path(file)) as path, path.open('wb') as stream:  # not each name is UTF-8
         pq.write_table(
-            table, stream, compression='zstd', use_dictionary=['guard'], write_page_checksum=True
+            table, stream, compression='zstd', use_dictionary=[*WORDS], write_page_checksum=True
         )
     return len(table)
 
@@ -76,7 +78,8 @@ def to_arrow(bag: Bag) -> Any:
     run = sampled(bag)
     columns = columns_of(run)
     arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}
-    arrays['guard'] = pa.DictionaryArray.from_arrays(arrays['guard'], GUARDS)
+    for name, words in WORDS.items():
+        arrays[name] = pa.DictionaryArray.from_arrays(arrays[name], words)
     about = json.dumps(finite(provenance(run)), allow_nan=False)
     return pa.table(
         list(arrays.values()),
@@ -100,8 +103,8 @@ def sampled(bag: Bag) -> Recording:
 
 
 def columns_of(run: Recording) -> dict[str, np.ndarray]:
-    """Return the columns, each of shape (n,), with guards as indices in GUARDS."""
-    series = (run.states, run.commands, run.impulses, run.damping)
+    """Return the columns, each of shape (n,), with indices in place of `WORDS`."""
+    series = (run.states, run.commands, run.events, run.damping)
     stamp = np.unique(np.concatenate([rows['stamp'] for rows in series]))
 
     def column(rows: np.ndarray, name: str, otherwise: Any = np.nan) -> np.ndarray:
@@ -116,8 +119,9 @@ def columns_of(run: Recording) -> dict[str, np.ndarray]:
         'velocity': column(run.states, 'velocity'),
         'effort': column(run.states, 'effort'),
         'command': column(run.commands, 'effort'),
-        'impulse_area': column(run.impulses, 'area', 0.0),
-        'guard': column(run.impulses, 'guard', np.int8(0)),
+        'impulse_area': column(run.events, 'area', 0.0),
+        'guard': column(run.events, 'guard', np.int8(0)),
+        'verdict': column(run.events, 'verdict', np.int8(0)),
         'damping': column(run.damping, 'damping'),
         'is_reset': column(run.states, 'is_reset', False),
     }

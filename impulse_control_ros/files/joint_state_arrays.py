@@ -19,6 +19,7 @@ from impulse_control_ros.core.protocol import (
     parse_state,
     StateHeader,
 )
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,
@@ -34,14 +35,17 @@ SAMPLE = np.dtype(
     [('stamp', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('effort', 'f8'), ('is_reset', '?')]
 )
 COMMAND = np.dtype([('stamp', 'i8'), ('effort', 'f8')])
-IMPULSE = np.dtype(
-    [('stamp', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]
+EVENT = np.dtype(
+    [
+        *((name, 'i8') for name in ('stamp', 'guard', 'verdict')),
+        *((name, 'f8') for name in ('position', 'velocity', 'area')),
+    ]
 )
 DAMPING = np.dtype([('stamp', 'i8'), ('damping', 'f8')])
 NEEDED: dict[np.dtype[Any], Sequence[str]] = {
     SAMPLE: ('position',),
     COMMAND: COMMANDED,
-    IMPULSE: FIELDS,
+    EVENT: FIELDS,
 }
 NOT_OURS = -1
 KEPT = 8  # layouts per message size
@@ -72,6 +76,16 @@ class Origin(NamedTuple):
     def guard(self) -> str:
         """The guard that a command or an event names; '' for none."""
         return self.header.guard if isinstance(self.header, CommandHeader) else ''
+
+    @property
+    def verdict(self) -> str:
+        """The verdict that a command or an event names; '' for none."""
+        return self.header.verdict if isinstance(self.header, CommandHeader) else ''
+
+    @property
+    def is_event(self) -> bool:
+        """Whether guard and verdict are known ones."""
+        return self.guard in GUARDS and self.verdict in VERDICTS
 
     @property
     def node_id(self) -> str:
@@ -202,7 +216,7 @@ class JointStateTable:
             return layout, NOT_OURS
         parse = parse_state if self._kind is SAMPLE else parse_command
         origin = Origin(layout.joint, parse(layout.frame_id))
-        if self._kind is IMPULSE and origin.guard not in GUARDS:
+        if self._kind is EVENT and not origin.is_event:
             return layout, NOT_OURS
         if origin not in self._numbers:
             self._numbers[origin] = len(self._origins)
@@ -231,10 +245,11 @@ class JointStateTable:
         rows['stamp'][at] = sec[good] * np.int64(SECOND) + nanosec[good]
         if self._kind is SAMPLE:
             rows['velocity'][at] = rows['effort'][at] = np.nan
-        elif self._kind is IMPULSE:
+        elif self._kind is EVENT:
             rows['guard'][at] = GUARDS.index(self._origins[number].guard)
+            rows['verdict'][at] = VERDICTS.index(self._origins[number].verdict)
         for field, value in zip(layout.fields, values, strict=True):
-            name = 'area' if self._kind is IMPULSE and field == 'effort' else field
+            name = 'area' if self._kind is EVENT and field == 'effort' else field
             if name in (self._kind.names or ()):
                 rows[name][at] = value[good]
         return good

@@ -35,7 +35,7 @@ class Recording(Trajectory):
     The recording of one run of one joint.
 
     ``run`` is its id, '' for a foreign plant. The arrays ``states`` (n,), ``commands`` (n,),
-    ``impulses`` (k,) and ``damping`` (j,) have dtypes SAMPLE, COMMAND, IMPULSE and DAMPING. Stamps
+    ``events`` (k,) and ``damping`` (j,) have dtypes SAMPLE, COMMAND, EVENT and DAMPING. Stamps
     are in ns, other values in SI units; an unmeasured velocity or effort is nan. ``is_reset``
     marks states at which one of our plants starts or is reset. After each state with a stamp in
     ``withdrawn`` [ns], the controller withdrew its effort, for example because states stopped
@@ -55,7 +55,7 @@ class Recording(Trajectory):
     states: np.ndarray
     commands: np.ndarray
     withdrawn: np.ndarray
-    impulses: np.ndarray
+    events: np.ndarray
     damping: np.ndarray
     history: list[Change]
     version: str
@@ -104,6 +104,16 @@ class Recording(Trajectory):
     def begins_in_mid_run(self) -> bool:
         """Whether the run began before the first state."""
         return bool(len(self.states)) and is_mid_run(self.states, self.run)
+
+    @cached_property
+    def impulses(self) -> np.ndarray:
+        """The events at which an impulse starts."""
+        return self.events[(self.events['guard'] > 0) | (self.events['verdict'] == 0)]
+
+    @cached_property
+    def verdicts(self) -> np.ndarray:
+        """The events with a verdict of the supervision on an earlier impulse."""
+        return self.events[self.events['verdict'] > 0]
 
     def impulse_samples(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the index of the state, and the guard, of each impulse."""
@@ -188,7 +198,7 @@ def recording_of(content: BagContent) -> Recording:
     runs = runs_in(every.states, content.joint, is_ours)
     recorded = about.get('run', '') if is_ours else None
     found = one_run(every, choose(runs, content.selection.run, recorded) or NO_RUN, runs)
-    run, (states, commands, impulses) = found.source.run, found.series
+    run, (states, commands, events) = found.source.run, found.series
     changes = content.parameters.changes(run, near, by_place)
     if run:
         changes = acting(changes, commands)
@@ -200,7 +210,7 @@ def recording_of(content: BagContent) -> Recording:
         run=run,
         states=states.rows,
         commands=commands.rows,
-        impulses=impulses.rows,
+        events=events.rows,
         withdrawn=withdrawn if is_ours else state_before(states, withdrawn),
         damping=damping_of(found, damping, is_ours),
         history=changes,

@@ -26,7 +26,7 @@ class Series(NamedTuple):
 
     states: Messages
     commands: Messages
-    impulses: Messages
+    events: Messages
 
 
 class Run(NamedTuple):
@@ -120,9 +120,9 @@ def one_run(every: Series, run: Run, runs: Sequence[Run]) -> OneRun:
         parts = [run.during(part) for part in parts]
         others['what repeats a stamp with other values'] += conflicts(parts[0])
     states = parts[0].in_order()
-    commands, impulses = (part.where(part.stamps > 0) for part in parts[1:])
+    commands, events = (part.where(part.stamps > 0) for part in parts[1:])
     commands = acting_commands(commands, states)
-    series = Series(states, commands, events_of(impulses, commands))
+    series = Series(states, commands, events_of(events, commands))
     return OneRun(series, parts[1].where(parts[1].stamps == 0), run, +others)
 
 
@@ -219,12 +219,12 @@ def acting_commands(commands: Messages, states: Messages) -> Messages:
     return commands.where(keep).in_order(is_named[keep])
 
 
-def events_of(impulses: Messages, commands: Messages) -> Messages:
+def events_of(events: Messages, commands: Messages) -> Messages:
     """Return the events, one per stamp, without those by other authors than the command."""
-    author, of_command = controllers(impulses, commands)
-    at = np.searchsorted(commands.stamps, impulses.stamps)
-    answers = np.append(commands.stamps, 0)[at] == impulses.stamps
-    return impulses.where(~answers | (np.append(of_command, -1)[at] == author)).in_order()
+    author, of_command = controllers(events, commands)
+    at = np.searchsorted(commands.stamps, events.stamps)
+    answers = np.append(commands.stamps, 0)[at] == events.stamps
+    return events.where(~answers | (np.append(of_command, -1)[at] == author)).in_order()
 
 
 def controllers(*series: Messages) -> list[np.ndarray]:

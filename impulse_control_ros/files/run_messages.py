@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,
@@ -94,7 +95,11 @@ class RunMessages:
             for is_first, one in ((True, unanswered), (False, header))
             for is_bare, fields in ((True, WITHOUT_VELOCITY), (False, FIELDS))
         }
-        frame_ids = [CommandHeader(*header, guard).frame_id for guard in GUARDS]
+        frame_ids = [
+            CommandHeader(*header, guard, verdict).frame_id
+            for verdict in VERDICTS
+            for guard in GUARDS
+        ]
         self._events = [JointStateLayout(joint, frame_id) for frame_id in frame_ids]
         self._commands = [JointStateLayout(joint, frame_id, COMMANDED) for frame_id in frame_ids]
 
@@ -128,12 +133,13 @@ class RunMessages:
             answers['velocity'],
             answers['area'],
         )
-        for guard in np.unique(answers['guard']):
-            which = np.flatnonzero(answers['guard'] == guard)
-            yield Rows.of(COMMANDS, which, self._commands[guard], values[:3])
-            if guard != NO_IMPULSE:
-                impulse = *time, *values[3:]
-                yield Rows.of(EVENTS, which, self._events[guard], impulse)
+        kind = answers['guard'] + len(GUARDS) * answers['verdict']
+        for number in np.unique(kind):
+            which = np.flatnonzero(kind == number)
+            yield Rows.of(COMMANDS, which, self._commands[number], values[:3])
+            if number:
+                event = *time, *values[3:]
+                yield Rows.of(EVENTS, which, self._events[number], event)
 
     def _damping_rows(self, states: np.ndarray) -> Iterator[Rows]:
         if self._damping_every:

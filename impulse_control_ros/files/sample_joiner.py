@@ -187,7 +187,7 @@ class SampleJoiner:
         if command is None:
             needed = self.plant.lockstep or (named != FOREIGN and (named != '' or self._answered))
             return None, None, needed and not is_lost
-        if not command.guard:
+        if not command.has_event:
             return command, None, False
         event, is_lost = self._answers[EVENTS].find(stamp, command.author)
         return command, event, event is None and not is_lost
@@ -215,7 +215,7 @@ class SampleJoiner:
             counts['missing'] += follows and self._answered
         else:
             self._answered = True
-            counts['missing'] += bool(command.guard) and event is None
+            counts['missing'] += command.has_event and event is None
         self._done = stamp
         for channel, answers in self._answers.items():
             if answers.waiting:

@@ -20,7 +20,7 @@ class Answer(NamedTuple):
     """A command or an event that waits for its state."""
 
     author: str
-    guard: str
+    has_event: bool
     raw: bytes
 
 
@@ -75,7 +75,7 @@ class AnswerQueue:
         if stamp <= done or (found and any(one.author == author for one in found)):
             return 'repeated', stamp
         self.begun = True
-        self.waiting.setdefault(stamp, []).append(Answer(author, sender.guard, raw))
+        self.waiting.setdefault(stamp, []).append(Answer(author, sender.has_event, raw))
         self._latest[author] = max(stamp, self._latest.get(author, 0))
         return '', stamp
 

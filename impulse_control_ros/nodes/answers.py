@@ -1,6 +1,6 @@
 """The messages of a controller: commands, impulse events and parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
@@ -11,7 +11,13 @@ from std_msgs.msg import Float64MultiArray
 
 from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader
-from impulse_control_ros.files.cdr import COMMANDED, encode_float64_array, FIELDS
+from impulse_control_ros.core.supervision import NO_VERDICT, VERDICTS
+from impulse_control_ros.files.cdr import (
+    COMMANDED,
+    encode_float64_array,
+    FIELDS,
+    JointStateLayout,
+)
 from impulse_control_ros.files.experiment import ControllerParameters, EFFORT_ARRAY
 from impulse_control_ros.files.parameter_event import encode_parameter_event
 from impulse_control_ros.files.topics import (
@@ -43,12 +49,13 @@ class Answers:
     """
     The outputs of a controller with the id ``own_id``.
 
-    ``sent`` counts the states answered, ``impulses`` those with an impulse. ``efforts`` is None
-    unless ``command_interface`` is effort_array.
+    ``sent`` counts the states answered, ``impulses`` those with an impulse, ``verdicts`` those
+    with each of VERDICTS. ``efforts`` is None unless ``command_interface`` is effort_array.
     """
 
     def __init__(self, node: Node, own_id: str, parameters: ControllerParameters) -> None:
         self.sent = self.impulses = 0
+        self.verdicts = [0] * len(VERDICTS)
         self._own_id, self._joint = own_id, parameters.joint_name
         self.parameters = Output(node, ParameterEvent, RUN_PARAMETERS)
         self.events = Output(node, JointState, IMPULSE_EVENTS)
@@ -60,12 +67,16 @@ class Answers:
 
     def address(self, run: str, episode: int) -> None:
         """Answer the states of a run and episode from now on; ``run`` is '' if foreign."""
-        self._run = run
-        frame_ids = [CommandHeader(run, episode, self._own_id, guard).frame_id for guard in GUARDS]
-        self._events, self._commands = (
-            [verified_layout(self._joint, frame_id, fields) for frame_id in frame_ids]
-            for fields in (FIELDS, COMMANDED)
+        self._run, self._episode = run, episode
+        self._plain = self._layout(NO_IMPULSE, NO_VERDICT, COMMANDED)
+        # by guard and verdict, of which few occur: event and command
+        self._layouts: dict[tuple[int, int], tuple[JointStateLayout, JointStateLayout]] = {}
+
+    def _layout(self, guard: int, verdict: int, fields: Sequence[str]) -> JointStateLayout:
+        header = CommandHeader(
+            self._run, self._episode, self._own_id, GUARDS[guard], VERDICTS[verdict]
         )
+        return verified_layout(self._joint, header.frame_id, fields)
 
     def tell_parameters(
         self, sec: int, nanosec: int, parameters: Mapping[str, Any], changed: Mapping[str, Any]
@@ -75,24 +86,33 @@ class Answers:
         self.parameters.send(encode_parameter_event(sec, nanosec, node, parameters, changed))
 
     def send(self, sec: int, nanosec: int, effort: float) -> None:
-        """Publish a command without an impulse."""
+        """Publish a command without an event."""
         self.sent += 1
-        self._last = effort, b'', self._commands[NO_IMPULSE].encode(sec, nanosec, effort)
+        self._last = effort, b'', self._plain.encode(sec, nanosec, effort)
         self.repeat()
 
-    def send_impulse(
-        self, sec: int, nanosec: int, effort: float, guard: int, *impulse: float
+    def send_event(
+        self, sec: int, nanosec: int, effort: float, guard: int, verdict: int, *values: float
     ) -> None:
-        """Publish an ``impulse`` (position, velocity, area) of a guard, and its command."""
+        """Publish an event (position, velocity, area) and its command."""
         self.sent += 1
-        self.impulses += 1
-        event = self._events[guard].encode(sec, nanosec, *impulse)
-        self._last = effort, event, self._commands[guard].encode(sec, nanosec, effort)
+        self.impulses += guard != NO_IMPULSE
+        self.verdicts[verdict] += 1
+        layouts = self._layouts.get((guard, verdict))
+        if layouts is None:
+            event, command = (self._layout(guard, verdict, one) for one in (FIELDS, COMMANDED))
+            layouts = self._layouts[guard, verdict] = event, command
+        event, command = layouts
+        self._last = (
+            effort,
+            event.encode(sec, nanosec, *values),
+            command.encode(sec, nanosec, effort),
+        )
         self.repeat()
 
     def send_zero(self) -> None:
         """Command 0 N with stamp 0, which ROS reads as no time: it answers no state."""
-        self._last = 0.0, b'', self._commands[NO_IMPULSE].encode(0, 0, 0.0)
+        self._last = 0.0, b'', self._plain.encode(0, 0, 0.0)
         self.repeat()
 
     def repeat(self) -> None:

@@ -25,6 +25,7 @@ from impulse_control_ros.core.free_running import StateRate, StateTimeout
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
+from impulse_control_ros.core.supervision import NO_VERDICT
 from impulse_control_ros.core.tick import nanoseconds, seconds, to_ns
 from impulse_control_ros.errors import ParameterError, UnreadableError
 from impulse_control_ros.files.cdr import read_header
@@ -36,6 +37,7 @@ from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.known_plants import KnownPlants
 from impulse_control_ros.nodes.lifecycle import ManagedNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.supervision_report import SupervisionReport
 from impulse_control_ros.nodes.topics import LATCHED_QOS, LOCKSTEP_QOS, SLOW_QOS
 
 INF = math.inf
@@ -68,6 +70,7 @@ class Controller(ManagedNode):
             self.create_subscription(
                 JointState, JOINT_STATES, self.on_state, LOCKSTEP_QOS, raw=True
             )
+        self.supervision = SupervisionReport(self, self._law)
         self._report = ControllerReport(self)
         if self.parameters.lifecycle:
             self.manage()
@@ -94,13 +97,15 @@ class Controller(ManagedNode):
         if self._untold is not None:
             self.answers.tell_parameters(sec, nanosec, self.parameters.flat(), self._untold)
             self._untold = None
-        effort, area, guard, velocity = self._law.answer(position, velocity)
+        effort, area, guard, velocity, verdict, ratio = self._law.answer(position, velocity)
         if not abs(effort) <= self._law.largest:  # also true for NaN
             self._law.forget()
             self._report.withhold(effort, self._law.largest, position, velocity)
-            effort, guard = 0.0, NO_IMPULSE
-        if guard:
-            self.answers.send_impulse(sec, nanosec, effort, guard, position, velocity, area)
+            effort, guard, verdict = 0.0, NO_IMPULSE, NO_VERDICT
+        if guard or verdict:
+            self.answers.send_event(sec, nanosec, effort, guard, verdict, position, velocity, area)
+            if verdict:
+                self.supervision.judged(verdict, ratio)
         else:
             self.answers.send(sec, nanosec, effort)
 
@@ -168,6 +173,7 @@ class Controller(ManagedNode):
     def _begin(self, header: StateHeader, stamp: int) -> None:
         """Start with an empty memory at this state."""
         self._law.forget()
+        self.supervision.begin()
         self.answers.address(header.run, header.episode)
         self._untold = {}
         if self.active_other:
@@ -200,6 +206,7 @@ class Controller(ManagedNode):
     def parameters_changed(self, changed: dict[str, Any]) -> None:
         """Use the new gains from the next sample on."""
         self._law.change(self.parameters)
+        self.supervision.parameters_changed()
         self.age = AgeLimit(self.parameters.max_age)
         if self._untold != {} and self.states.run is not None:
             self._untold = {**(self._untold or {}), **changed}
@@ -230,6 +237,7 @@ class Controller(ManagedNode):
         """Command 0 N if states stop arriving from a plant that does not wait for commands."""
         timeout, now = self.parameters.state_timeout, monotonic()
         self.states.silence.look(now)
+        self.supervision.look()
         if not (
             timeout
             and self.active

@@ -84,17 +84,21 @@ class ControllerReport:
             DiagnosticStatus.ERROR
             if is_bad
             else DiagnosticStatus.WARN
-            if counts['rejected']
+            if counts['rejected'] or controller.supervision.suspended
             else DiagnosticStatus.OK
         )
-        message = wrong or (
-            'not active'
-            if not controller.active
-            else 'answering'
-            if rate
-            else f'standing by for {name_of(other)}'
-            if other
-            else 'waiting for states'
+        message = (
+            wrong
+            or (
+                'not active'
+                if not controller.active
+                else 'answering'
+                if rate
+                else f'standing by for {name_of(other)}'
+                if other
+                else 'waiting for states'
+            )
+            + ', impulses suspended' * controller.supervision.suspended
         )
         return (
             level,
@@ -103,6 +107,7 @@ class ControllerReport:
                 'answered': answers.sent,
                 'impulses': answers.impulses,
                 **counts,
+                **controller.supervision.values(),
                 'lost': controller.rate.lost(states.stamp, answers.sent),
                 'command_subscriptions': answers.commands.publisher.get_subscription_count(),
                 'event_subscriptions': answers.events.publisher.get_subscription_count(),

@@ -1,12 +1,13 @@
 """Two runs of messages, compared bit by bit and told in words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import seconds
 
 SHOWN = 5
@@ -77,7 +78,8 @@ def lines_of(found: Mapping[str, Difference]) -> Iterator[str]:
         yield effort_line(found['joint_commands'])
     events = found['impulse_events']
     if len(events.differing) + len(events.gone) + len(events.new):
-        yield from guard_lines(events.recorded, events.replayed)
+        yield from event_lines('guard', 'impulses', GUARDS, events)
+        yield from event_lines('verdict', 'verdicts', VERDICTS, events)
 
 
 def same(found: Mapping[str, Difference]) -> bool:
@@ -127,21 +129,28 @@ def effort_line(found: Difference) -> str:
     )
 
 
-def guard_lines(recorded: np.ndarray, replayed: np.ndarray) -> Iterator[str]:
-    """Yield a table of the impulses by guard, and the first that are in one of both only."""
-    yield f'{"impulses":<16}{"recorded":>9}{"replayed":>9}{"both":>9}'
+def event_lines(name: str, title: str, words: Sequence[str], events: Difference) -> Iterator[str]:
+    """
+    Yield a table of the events by guard or verdict, and the first that are in one of both only.
+
+    ``name`` is the field with the index of one of the ``words``. Yields nothing without any.
+    """
+    both = events.recorded, events.replayed
+    if not any(rows[name].any() for rows in both):
+        return
+    yield f'{title:<16}{"recorded":>9}{"replayed":>9}{"both":>9}'
     lone: list[tuple[int, str, str]] = []
-    for number, guard in enumerate(GUARDS):
-        before, now = (rows['stamp'][rows['guard'] == number] for rows in (recorded, replayed))
+    for number, word in list(enumerate(words))[1:]:
+        before, now = (rows['stamp'][rows[name] == number] for rows in both)
         gone, new = np.setdiff1d(before, now), np.setdiff1d(now, before)
-        if guard:
-            yield f'{guard:<16}{len(before):>9}{len(now):>9}{len(before) - len(gone):>9}'
+        if name == 'guard' or len(before) + len(now):
+            yield f'{word:<16}{len(before):>9}{len(now):>9}{len(before) - len(gone):>9}'
         lone += [
-            (int(stamp), guard, where)
+            (int(stamp), word, where)
             for stamps, where in ((gone, 'recorded'), (new, 'replayed'))
             for stamp in stamps
         ]
-    for stamp, guard, where in sorted(lone)[:SHOWN]:
-        yield f'{guard} at {seconds(stamp)} s is only {where}'
+    for stamp, word, where in sorted(lone)[:SHOWN]:
+        yield f'{word} at {seconds(stamp)} s is only {where}'
     if len(lone) > SHOWN:
         yield f'and {len(lone) - SHOWN} more'

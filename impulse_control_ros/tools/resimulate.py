@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from impulse_control_ros.core.control_gains import OFF
 from impulse_control_ros.core.parameter import build, Parameters
 from impulse_control_ros.core.replay import answered, Piece, run_again
 from impulse_control_ros.core.tick import nanoseconds, seconds
@@ -16,7 +17,7 @@ from impulse_control_ros.files.experiment import (
     PlantParameters,
     require_agreement,
 )
-from impulse_control_ros.files.joint_state_arrays import COMMAND, DAMPING, IMPULSE, SAMPLE
+from impulse_control_ros.files.joint_state_arrays import COMMAND, DAMPING, EVENT, SAMPLE
 from impulse_control_ros.files.recording import Recording
 
 WORDS: dict[type[Parameters], str] = {PlantParameters: 'plant', ControllerParameters: 'controller'}
@@ -60,9 +61,11 @@ def histories(
             + '; replay --controller --params FILE takes them from a file'
             * (kind is ControllerParameters)
         )
+    # an option that the node does not tell is newer than the node
+    unknown = OFF if kind is ControllerParameters else {}
     for change in changes:
         ours = {name: value for name, value in change.values.items() if not is_foreign(name)}
-        yield change.stamp, change.anew, build(kind, {**ours, **overrides})
+        yield change.stamp, change.anew, build(kind, {**unknown, **ours, **overrides})
 
 
 def states_of(recording: Recording) -> np.ndarray:
@@ -221,18 +224,19 @@ def closed_loop(recording: Recording) -> Resimulation:
 def answers_beside(
     recording: Recording, states: np.ndarray, answers: np.ndarray
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the pairs of commands and impulses, of those since the first of the ``states``."""
-    commands, fired = np.zeros(len(answers), COMMAND), answers['guard'] > 0
+    """Return the pairs of commands and events, of those since the first of the ``states``."""
+    commands = np.zeros(len(answers), COMMAND)
+    told = (answers['guard'] > 0) | (answers['verdict'] > 0)
     commands['stamp'], commands['effort'] = states['stamp'], answers['effort']
-    impulses = np.zeros(np.count_nonzero(fired), IMPULSE)
+    events = np.zeros(np.count_nonzero(told), EVENT)
     for name in ('stamp', 'position'):
-        impulses[name] = states[name][fired]
-    for name in ('guard', 'area', 'velocity'):
-        impulses[name] = answers[name][fired]
+        events[name] = states[name][told]
+    for name in ('guard', 'verdict', 'area', 'velocity'):
+        events[name] = answers[name][told]
     return {
         topic: (rows[rows['stamp'] >= states['stamp'][0]], replayed)
         for topic, rows, replayed in (
             ('joint_commands', recording.commands, commands),
-            ('impulse_events', recording.impulses, impulses),
+            ('impulse_events', recording.events, events),
         )
     }

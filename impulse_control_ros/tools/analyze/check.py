@@ -99,7 +99,7 @@ def samples_of(recording: Recording, time_step: float, fresh: Sequence[int]) -> 
     guard = np.zeros(count, int)
     for rows, pairs in (
         (recording.commands, [(effort, 'effort')]),
-        (recording.impulses, [(guard, 'guard'), (area, 'area')]),
+        (recording.events, [(guard, 'guard'), (area, 'area')]),
         # other recorders do not tell which sample a damping is of
         (recording.damping[: None if recording.version else 0], [(damping, 'damping')]),
     ):

@@ -1,0 +1,47 @@
+"""What the supervision of a law has learnt, in SI units: read from its memory."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.supervision import mass_scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learnt:
+    """
+    What is learnt of an axis at a sample.
+
+    ``mass`` [kg] is the median of the masses that the last jumps give, ``mass_spread`` [kg] the
+    difference between the largest and the least of them; both are nan before the first jump, and
+    so is ``delay`` [s], from an impulse to its jump. ``used_mass`` [kg] is the mass that impulses
+    are computed for, ``velocity_noise`` [m/s] the standard deviation, and ``suspended`` [s] the
+    time left until impulses act again. ``is_suspended_anew`` tells whether the suspension begins
+    at this sample.
+    """
+
+    mass: float
+    mass_spread: float
+    used_mass: float
+    delay: float
+    velocity_noise: float
+    suspended: float
+    is_suspended_anew: bool
+
+
+def learnt_from(memory: np.ndarray, gains: ControlGains) -> Learnt:
+    """Read a ``memory`` of shape (1,), dtype SUPERVISION, after a sample with these ``gains``."""
+    one, left = memory[0], float(memory[0].suspension.left)
+    masses = one.learnt.masses[: int(one.learnt.jumps)]
+    is_known = len(masses) > 0
+    return Learnt(
+        mass=gains.m * float(one.learnt.mass) if is_known else math.nan,
+        mass_spread=gains.m * float(np.ptp(masses)) if is_known else math.nan,
+        used_mass=gains.m * (float(mass_scale(one.learnt, gains.options)) if is_known else 1.0),
+        delay=gains.time_step * float(one.learnt.delay) if is_known else math.nan,
+        velocity_noise=float(one.noise.velocity.sd),
+        suspended=gains.time_step * left,
+        is_suspended_anew=left > 0.0 and left == one.suspension.back_off,
+    )
