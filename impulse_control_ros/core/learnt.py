@@ -43,5 +43,5 @@ def learnt_from(memory: np.ndarray, gains: ControlGains) -> Learnt:
         delay=gains.time_step * float(one.learnt.delay) if is_known else math.nan,
         velocity_noise=float(one.noise.velocity.sd),
         suspended=gains.time_step * left,
-        is_suspended_anew=left > 0.0 and left == one.suspension.back_off,
+        is_suspended_anew=bool(left > 0.0 and left == one.suspension.back_off),
     )

@@ -23,6 +23,7 @@ from impulse_control_ros.core.metrics import (
     stuck,
     work,
 )
+from impulse_control_ros.core.supervision import VERDICTS
 
 TOLERANCES = (1e-2, 1e-3)  # m
 
@@ -48,8 +49,10 @@ class Samples:
 
     ``time`` [s], ``position`` x [m], ``error`` e = x - x_r [m], ``velocity`` v [m/s], ``command``
     u [N], ``impulse`` [N] the impulsive part of u, ``applied`` [N] the effort until the next
-    sample: shape (n,). ``guard`` (index in GUARDS) and ``area`` J [N s]: shape (k,). ``missing``
-    is the number of missing samples.
+    sample: shape (n,). ``guard`` (index in GUARDS) and ``area`` J [N s]: shape (k,). ``verdict``
+    (index in VERDICTS) of the supervision: shape (j,). ``missing`` is the number of missing
+    samples. ``learnt_mass`` [kg] and ``learnt_delay`` [s] at the end, and ``suspended`` [s] in
+    total, are nan where they are unknown.
     """
 
     time: np.ndarray
@@ -61,7 +64,11 @@ class Samples:
     applied: np.ndarray
     guard: np.ndarray
     area: np.ndarray
+    verdict: np.ndarray
     missing: int = 0
+    learnt_mass: float = math.nan
+    learnt_delay: float = math.nan
+    suspended: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,10 @@ def _count(guard: str, samples: Samples) -> int:
     return int(np.count_nonzero(samples.guard == GUARDS.index(guard)))
 
 
+def _verdicts(verdict: str, samples: Samples) -> int:
+    return int(np.count_nonzero(samples.verdict == VERDICTS.index(verdict)))
+
+
 def settling_times(tolerances: Iterable[float]) -> dict[str, Metric]:
     """Return the settling times to the ``tolerances`` [m], by name."""
     return {
@@ -123,6 +134,14 @@ PLACES = {
     'position_zero': ('at position zero', 'e = 0, (10)'),
     'velocity_zero': ('at velocity zero', 'v = 0, (15)'),
     'sticking': ('while sticking', 'v = 0 with e != 0, where friction holds the axis'),
+}
+JUDGED = {  # by verdict: of what it is a number
+    'confirmed': 'impulses whose jump was the expected one',
+    'absent': 'impulses without a jump within response_timeout',
+    'out_of_band': 'impulses whose jump was much larger or smaller than expected',
+    'reversed': 'impulses with a jump against them',
+    'growing': 'errors that grew beyond their last turning point by impulses',
+    'stalled': 'impulses at rest that hardly brought the axis nearer, eight as one',
 }
 METRICS = {
     'start': Metric('from', 's', 'start, since the first state of the bag', lambda r: r.time[0]),
@@ -160,6 +179,27 @@ METRICS = {
         )
         for guard, (place, condition) in PLACES.items()
     },
+    **{
+        verdict: Metric(
+            f'verdicts {verdict.replace("_", " ")}',
+            '',
+            f'number of {what}',
+            partial(_verdicts, verdict),
+        )
+        for verdict, what in JUDGED.items()
+    },
+    'suspended_time': Metric(
+        'impulses suspended', 's', 'total time without impulses by them', lambda r: r.suspended
+    ),
+    'learnt_mass': Metric(
+        'learnt mass',
+        'kg',
+        'median of the masses that the last five jumps give',
+        lambda r: r.learnt_mass,
+    ),
+    'learnt_delay': Metric(
+        'learnt delay', 's', 'delay from an impulse to its jump', lambda r: r.learnt_delay
+    ),
     'work': Metric(
         'work of the effort',
         'N m',

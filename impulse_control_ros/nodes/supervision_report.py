@@ -30,7 +30,7 @@ def reason(verdict: int, ratio: float, used_mass: float, gains: ControlGains) ->
     """
     return {
         ABSENT: f'no jump was seen within response_timeout = {gains.response_timeout} samples; '
-        'the delay is longer, or actuator or sensor do not act',
+        'friction holds the axis, the delay is longer, or actuator or sensor do not act',
         OUT_OF_BAND: f'jumps are {ratio * gains.m / used_mass:.2g} times what m = {gains.m:g} kg '
         f'gives; {used_mass / ratio if ratio else math.inf:.2g} kg would fit',
         REVERSED: 'the velocity jumped against the impulse; the likely cause is the sign of the '

@@ -15,6 +15,7 @@ from impulse_control_ros.core.metrics import differs
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.tools.analyze.packing import deflated, on_grid, packed
 from impulse_control_ros.tools.analyze.run import Run
+from impulse_control_ros.tools.analyze.supervision import failed_impulses
 from impulse_control_ros.tools.analyze.table import Response, rows_of
 
 PAGE = resources.files('impulse_control_ros.tools.analyze') / 'page'
@@ -67,6 +68,8 @@ def arrays_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     yield 'rest', np.where(differs(run.feedback, run.law), rest, 0.0)
     yield 'fired', run.fired
     yield 'guard', run.recording.impulses['guard']
+    yield 'failed', failed_impulses(run.recording)
+    yield 'suspended', run.recording.places(run.supervision.suspensions.ravel())
     yield 'damping_at', np.searchsorted(states['stamp'][:-1], damping['stamp'])
     yield 'damping', damping['damping']
 

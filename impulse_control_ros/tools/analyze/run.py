@@ -27,6 +27,7 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.files.settings import NO_GAINS, Setting, spans
+from impulse_control_ros.tools.analyze.supervision import Supervision, supervision_of
 from impulse_control_ros.tools.resimulate import with_velocities
 
 
@@ -126,6 +127,11 @@ class Run:
         """Tell whether one of the `PANELS` has a finite value."""
         return bool(np.isfinite(self.panel(name)[1]).any())
 
+    @cached_property
+    def supervision(self) -> Supervision:
+        """Return what the supervision has learnt and suspended."""
+        return supervision_of(self.recording)
+
     @property
     def feedback(self) -> np.ndarray:
         """Return the command without its impulsive part [N], shape (n,)."""
@@ -151,6 +157,8 @@ class Run:
     def samples(self, span: slice) -> Samples:
         """Return the samples of a ``span`` of the states, for its metrics."""
         impulses = self.recording.impulses[(self.fired >= span.start) & (self.fired < span.stop)]
+        judged = self.recording.places(self.recording.verdicts['stamp'])
+        verdicts = self.recording.verdicts[(judged >= span.start) & (judged < span.stop)]
         states, steps = self.states[span], np.diff(self.states['stamp'][span])
         gaps = np.rint(steps / int(np.median(steps))) - 1 if len(steps) else steps
         return Samples(
@@ -164,4 +172,6 @@ class Run:
             guard=impulses['guard'],
             area=impulses['area'],
             missing=int(np.maximum(gaps, 0).sum()),
+            verdict=verdicts['verdict'],
+            **self.supervision.over(states['stamp']),
         )

@@ -6,6 +6,8 @@ const GUARDS = {
   velocity_zero: {words: 'impulse at v = 0', color: '#009E73', symbol: 'diamond'},
   sticking: {words: 'impulse while sticking', color: '#E69F00', symbol: 'square'},
 };
+const FAILED = {words: 'impulse not confirmed', color: '#CF222E', symbol: 'x-thin'};
+const SUSPENDED = {words: 'impulses suspended', color: '#CF222E'};
 const MARKED = ['position', 'velocity', 'impulse'];  // panels that show the impulses
 const LEFT = 58;  // pixels
 const RIGHT = 12;
@@ -26,7 +28,7 @@ const LAYOUT = {
   dragmode: matchMedia('(pointer: coarse)').matches ? false : 'zoom',  // a finger scrolls
 };
 const AXIS = {gridcolor: '#eaeef2', zeroline: false, exponentformat: 'e', nticks: 8};
-const hidden = new Set();  // names of runs and guards
+const hidden = new Set();  // names of runs, guards, 'failed' and 'suspended'
 
 // -- what was recorded ------------------------------------------------------------------------
 
@@ -61,6 +63,9 @@ async function loaded(fact, number) {
   for (const name of Object.keys(GUARDS)) {
     run.fired[name] = fired.filter((_, i) => facts.guards[guard[i]] === name);
   }
+  run.failed = await get('failed', Uint32Array);
+  const ends = Array.from(await get('suspended', Uint32Array), (at) => run.time[at]);
+  run.suspended = ends.flatMap((from, i) => (i % 2 ? [] : [[from, ends[i + 1]]]));
   return run;
 }
 
@@ -126,10 +131,12 @@ function drawTime(layout) {
         mode: WIDE * part.count < bins('time') ? 'lines+markers' : 'lines', marker: {size: 4},
         line: {color: run.color, width: 1.4}, hovertemplate: '%{y:.6g} at %{x:.6g} s'});
       if (MARKED.includes(key)) {
-        traces.push(...guardMarks(run, key, from, to).map((one) => ({...one, ...axis})));
+        const marks = [...guardMarks(run, key, from, to), ...failedMarks(run, key, from, to)];
+        traces.push(...marks.map((one) => ({...one, ...axis})));
       }
     }
   });
+  layout.shapes = suspensions();
   Plotly.react('time', traces, layout, CONFIG);
   document.getElementById('shown').textContent = all
     ? `All ${count.toLocaleString('en')} samples of this span are drawn.`
@@ -147,14 +154,37 @@ function setpointLine(run, from, to) {
 /** Return the impulses of each guard as points on a series. */
 function guardMarks(run, key, from, to) {
   return shownGuards(run).map((name) => {
-    const at = run.fired[name];
-    const times = Float64Array.from(at, (i) => run.time[i]);
-    const values = Float32Array.from(at, (i) => run[key][i]);
-    const part = thinned(times, values, from, to, bins('time'));
+    const part = pointsAt(run, key, run.fired[name], from, to);
     return {...part, name, meta: key, mode: 'markers', type: 'scatter',
             marker: mark(name, 4 * part.x.length < bins('time') ? 7 : 3),
             hovertemplate: `${GUARDS[name].words}<br>%{y:.6g} at %{x:.6g} s`};
   });
+}
+
+/** Return the points of a series at some samples, thinned. */
+function pointsAt(run, key, at, from, to) {
+  const times = Float64Array.from(at, (i) => run.time[i]);
+  const values = Float32Array.from(at, (i) => run[key][i]);
+  return thinned(times, values, from, to, bins('time'));
+}
+
+/** Return the impulses that were not confirmed as crosses on a series. */
+function failedMarks(run, key, from, to) {
+  if (!run.failed.length || hidden.has('failed')) return [];
+  const {words, color, symbol} = FAILED;
+  return [{...pointsAt(run, key, run.failed, from, to), name: 'failed', meta: key,
+           mode: 'markers', type: 'scatter',
+           marker: {symbol, color, size: 11, line: {color, width: 2}},
+           hovertemplate: `${words}<br>%{y:.6g} at %{x:.6g} s`}];
+}
+
+/** Return the spans of time in which impulses were suspended, as shades. */
+function suspensions() {
+  if (hidden.has('suspended')) return [];
+  return runs.filter((run) => !hidden.has(run.name)).flatMap(
+    (run) => run.suspended.map(([x0, x1]) => ({
+      type: 'rect', layer: 'below', xref: 'x', x0, x1, yref: 'paper', y0: 0, y1: 1,
+      fillcolor: SUSPENDED.color, opacity: 0.08, line: {width: 0}})));
 }
 
 /** Return the guards with impulses in a run that are not hidden. */
@@ -241,7 +271,7 @@ function drawPhase(id, layout) {
 
 // -- the legend and the tables ----------------------------------------------------------------
 
-/** Fill the legend: a button for each run, and for each guard that has fired. */
+/** Fill the legend: a button for each run, and for what is marked in any. */
 function fillLegend() {
   const legend = document.getElementById('legend');
   for (const run of runs) legend.append(button(run.name, run.name, 'line', run.color));
@@ -250,6 +280,10 @@ function fillLegend() {
     if (count) {
       legend.append(button(name, `${words} (${count.toLocaleString('en')})`, symbol, color));
     }
+  }
+  for (const [name, {words, color}] of Object.entries({failed: FAILED, suspended: SUSPENDED})) {
+    const count = runs.reduce((sum, run) => sum + run[name].length, 0);
+    if (count) legend.append(button(name, `${words} (${count})`, 'square', color));
   }
 }
 
