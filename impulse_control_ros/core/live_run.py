@@ -71,15 +71,10 @@ class Rate:
 
     def value(self) -> float:
         """Return the slope, 0 before there are two values."""
-        (first, before), (last, now) = (
-            (self._points[0], self._points[-1])
-            if self._points
-            else (
-                (0.0, 0.0),
-                (0.0, 0.0),
-            )
-        )
-        return (now - before) / (last - first) if last > first else 0.0
+        if len(self._points) < 2:
+            return 0.0
+        (first, before), (last, now) = self._points[0], self._points[-1]
+        return (now - before) / (last - first)
 
 
 class LiveRun:

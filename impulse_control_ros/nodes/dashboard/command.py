@@ -1,7 +1,6 @@
 """The command line of the dashboard."""
 
 import argparse
-from collections.abc import Sequence
 from importlib.util import find_spec
 import os
 import secrets
@@ -11,6 +10,7 @@ import webbrowser
 
 from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.errors import MissingPackageError
+from impulse_control_ros.nodes.child import remappings
 from impulse_control_ros.nodes.spin import main as run_node, Maker
 
 LOCAL = ('127.0.0.1', 'localhost', '::1')
@@ -30,18 +30,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='address to serve on (default: %(default)s, this machine only); any other needs the '
         'token in the printed address',
     )
-
-
-def remappings(arguments: Sequence[str]) -> list[str]:
-    """Return the rules of a command line that remap names for every node of a system."""
-    pairs = zip(arguments, arguments[1:], strict=False)
-    rules = [rule for flag, rule in pairs if flag in ('-r', '--remap')]
-    return [
-        part
-        for rule in rules
-        if not rule.startswith(('__ns:=', '__node:=', '__name:='))
-        for part in ('-r', rule)
-    ]
 
 
 def address(host: str, port: int, token: str) -> str:

@@ -68,7 +68,7 @@ class Dashboard(ParameterNode):
         self.create_subscription(
             ParameterEvent, PARAMETER_EVENTS, self._on_changed, best_effort(1000)
         )
-        self.recording = Recording(BAGS, ['-r', f'__ns:={self.get_namespace()}', *remappings])
+        self.recording = Recording(BAGS, remappings)
         self.requests = Requests(self)
         frames = Frames(self)
         self.server = Server(host, port, token, frames.next, self.requests.take, BAGS)

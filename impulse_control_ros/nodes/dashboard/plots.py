@@ -39,7 +39,7 @@ def plots() -> tuple[str, dict[str, str]]:
         'phase': _plot('error [m]', 'velocity [m/s]'),
     }
     for name, column, is_setpoint in LINES:
-        line = {'x': 'time', 'y': column, 'source': samples, 'name': column}
+        line: dict[str, Any] = {'x': 'time', 'y': column, 'source': samples, 'name': column}
         if is_setpoint:
             made[name].step(**line, mode='after', color=SETPOINT, line_dash='dashed')
         else:
