@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
-NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
+NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop', 'dashboard']
 TOOLS = ['simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param']
 REPORT = ['plotly>=6']
 DASHBOARD = [*REPORT, 'bokeh>=3.8']  # with tornado, which it needs

@@ -12,6 +12,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
+from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.recording import read_bag
 from test.chromium import needs_chromium, open_chromium
 from test.nodes.runs import UNDERDAMPED
@@ -83,7 +84,7 @@ class Page:
 
     def enter(self, name, value):
         field = wait_for(lambda: self.browser.find_elements(By.ID, name), name)[0]
-        field.clear()
+        self.run('arguments[0].select()', field)
         field.send_keys(value, Keys.ENTER)
 
     def slider(self, name):
@@ -204,6 +205,25 @@ def test_a_slider_changes_a_gain_in_the_recording_at_a_sample(graph, page, dashb
     assert [one.changed['K'] for one in changes] == [gain, 10.0]
     stamps = set(run.states['stamp'].tolist())
     assert all(one.stamp in stamps for one in changes)
+
+
+def test_the_running_values_are_saved_as_an_experiment_that_simulates(graph, page):
+    page.run("document.getElementById('file').value = 'tuned.yaml'")
+    page.run("document.getElementById('said').textContent = ''")
+    page.browser.find_element(By.CSS_SELECTOR, '#save button').click()
+    said = page.until("return document.getElementById('said').textContent", 'the answer')
+    assert said == f'saved plant_simulator and controller to {graph.folder / "tuned.yaml"}'
+    saved = load_experiment(graph.folder / 'tuned.yaml')
+    assert (saved.gains.K, saved.plant.F_c, saved.plant.real_time_factor) == (10.0, 0.0, 0.05)
+    for name, reason in (
+        ('tuned.yaml', f'{graph.folder / "tuned.yaml"} exists: choose another name'),
+        ('../x.yaml', "invalid file '../x.yaml': must be a NAME.yaml, without a folder"),
+    ):
+        page.run("document.getElementById('file').value = arguments[0]", name)
+        page.browser.find_element(By.CSS_SELECTOR, '#save button').click()
+        page.until(
+            "return document.getElementById('said').textContent === arguments[0]", name, reason
+        )
 
 
 def test_a_killed_and_restarted_controller_is_there_again(graph, page, controllers):

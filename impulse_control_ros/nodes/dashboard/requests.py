@@ -1,13 +1,18 @@
-"""What the page asks for: values, services of the plant, recordings; and the undo of a change."""
+"""What the page asks for: values and their undo, services of the plant, recordings, files."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rclpy.client import Client
 from std_srvs.srv import SetBool, Trigger
 
+from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.files.experiment import NODES
+from impulse_control_ros.files.parameter_file import base
+from impulse_control_ros.files.saved_parameters import experiment_text
 from impulse_control_ros.nodes.dashboard.fields import value_of
 from impulse_control_ros.nodes.dashboard.peer import Peer
 
@@ -75,6 +80,13 @@ class Requests:
         elif what in ('record', 'stop'):
             recording = self._dashboard.recording
             answer({'refused': recording.start() if what == 'record' else recording.stop()})
+        elif what == 'save':
+            ours = {
+                base(peer.name): peer.values
+                for peer in self._dashboard.peers.values()
+                if base(peer.name) in NODES and peer.values
+            }
+            answer(save(str(request.get('file')), ours))
         else:
             answer({'refused': f'unknown request {what!r}'})
 
@@ -136,3 +148,20 @@ class Requests:
                 one.late()
             else:
                 self._waiting.append(one)
+
+
+def save(name: str, values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, str]:
+    """Write ``values`` by node and name as an experiment, a new file in the present folder."""
+    path = Path(name)
+    if path.name != name or path.suffix != '.yaml':
+        return {'refused': f'invalid file {name!r}: must be a NAME.yaml, without a folder'}
+    if path.exists():
+        return {'refused': f'{path.absolute()} exists: choose another name'}
+    if not values:
+        return {'refused': 'no plant_simulator and no controller is running'}
+    try:
+        with replaced(path) as made:
+            made.write_text(experiment_text(values), encoding='utf-8')
+    except OSError as error:
+        return {'refused': f'{path.absolute()}: {error.strerror}'}
+    return {'refused': '', 'said': f'saved {" and ".join(values)} to {path.absolute()}'}
