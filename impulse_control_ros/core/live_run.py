@@ -94,7 +94,7 @@ class LiveRun:
         self.last: dict[str, tuple[float, float]] = {}
         self.speed, self.impulse_rate = Rate(), Rate()
         self._run: str | None = None
-        self._stamp = self._origin = 0
+        self._stamp = self._impulse_stamp = self._origin = 0
         self._early: deque[tuple[Any, ...]] = deque(maxlen=EARLY)
 
     def add_state(
@@ -120,7 +120,7 @@ class LiveRun:
         self._origin = stamp if stamp > SIMULATED else 0
         self.samples.clear()
         self.impulses.clear()
-        self.fired, self.last = {}, {}
+        self.fired, self.last, self._impulse_stamp = {}, {}, 0
         self.speed, self.impulse_rate = Rate(), Rate()
         early, self._early = self._early, deque(maxlen=EARLY)
         for impulse in early:
@@ -140,10 +140,17 @@ class LiveRun:
     def add_impulse(
         self, run: str, stamp: int, position: float, velocity: float, area: float, guard: str
     ) -> None:
-        """Add an impulse at ``stamp`` [ns]; one of another run waits for a state of that run."""
+        """
+        Add an impulse at ``stamp`` [ns]; a repeated one is skipped.
+
+        One of another run waits for a state of that run.
+        """
         if run != self._run:
             self._early.append((run, stamp, position, velocity, area, guard))
             return
+        if stamp == self._impulse_stamp:
+            return
+        self._impulse_stamp = stamp
         self.fired[guard] = self.fired.get(guard, 0) + 1
         error = self._error(position)
         after = velocity + area / self.law.get('m', math.nan)

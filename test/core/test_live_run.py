@@ -65,10 +65,12 @@ def test_rows_are_bounded_and_their_count_is_not(run):
     assert run.samples.columns(SAMPLES + 10)['time'] == []
 
 
-def test_a_repeated_state_is_no_sample(run):
+def test_repeated_states_and_impulses_count_once(run):
     fill(run, 2)
     run.add_state(0.1, 'a', SECOND + MS, 0.5, -1.0, 3.0)
-    assert run.samples.count == 2
+    for stamp in (SECOND, SECOND + MS, SECOND + MS):
+        run.add_impulse('a', stamp, 0.5, 0.0, -0.4, 'sticking')
+    assert (run.samples.count, run.fired) == (2, {'sticking': 2})
 
 
 def test_another_run_and_a_clock_that_goes_back_begin_afresh(run):
@@ -86,8 +88,8 @@ def test_an_impulse_that_overtakes_the_first_state_of_its_run_is_kept(run):
     assert run.impulses.count == 0
     fill(run, 1)
     assert run.fired == {'velocity_zero': 1}
-    for _ in range(EARLY + 5):
-        run.add_impulse('b', SECOND, 0.5, 0.0, -0.4, 'velocity_zero')
+    for at in range(EARLY + 5):
+        run.add_impulse('b', SECOND + at, 0.5, 0.0, -0.4, 'velocity_zero')
     fill(run, 1, 'b')
     assert run.fired == {'velocity_zero': EARLY}
 

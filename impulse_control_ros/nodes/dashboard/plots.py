@@ -95,7 +95,7 @@ def _plot(x: str, y: str, **options: Any) -> figure:
     plot = figure(
         x_axis_label=x,
         y_axis_label=y,
-        height=220,
+        height=200,
         sizing_mode='stretch_width',
         tools=[PanTool(), WheelZoomTool(), ResetTool()],
         active_drag=None,

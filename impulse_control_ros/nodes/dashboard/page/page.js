@@ -8,7 +8,7 @@ const GUARDS = {position_zero: 'at e = 0', velocity_zero: 'at v = 0', sticking: 
 const element = (id) => document.getElementById(id);
 const model = (name) => Bokeh.documents[0].get_model_by_name(name);
 const waiting = new Map();  // what to do with an answer, by the number of its request
-let socket, asked = 0, bands = {};
+let socket, asked = 0, bands = {}, lastFrame;
 
 // -- the connection ---------------------------------------------------------------------------
 
@@ -65,6 +65,7 @@ function stream(source, rows, fresh, most) {
 }
 
 function draw(frame) {
+  lastFrame = frame;
   stream(model('samples'), frame.samples, frame.fresh, SAMPLES);
   stream(model('impulses'), frame.impulses, frame.fresh, IMPULSES);
   if (frame.parameters) drawParameters(frame);
@@ -113,10 +114,10 @@ function drawState(frame) {
   element('figures').replaceChildren(
     row('real-time factor', number(frame.speed)),
     row('impulses per second', number(frame.impulse_rate)),
-    row('impulses', total),
+    row('impulses seen here', total),
     ...Object.keys(GUARDS).map((guard) => row(
       `impulses ${GUARDS[guard]}`, `${frame.fired[guard] ?? 0}${last(frame.last[guard])}`)),
-    row('impulse events that did not arrive here', frame.lost, frame.lost > 0),
+    row('impulses lost on the way here', frame.lost, frame.lost > 0),
   );
   element('reports').replaceChildren(...['plant', 'controller'].map((role) => {
     const table = document.createElement('table');
