@@ -110,6 +110,8 @@ class Reader:
             words = words[3:]
         if line.startswith(DONE_ELSEWHERE) or not words:
             return
+        if words[0] == 'dashboard':
+            words[1:1] = ['--port', '0']  # another session may have the default
         if words[0] in NODES:
             process = self._graph.start(*words, bin_folder=self._executables)
             self._running.append(process)

@@ -18,6 +18,7 @@ from rclpy.subscription import Subscription
 
 from impulse_control_ros.core.live_run import LiveRun
 from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.protocol import name_of
 from impulse_control_ros.core.tick import to_ns
 from impulse_control_ros.files.experiment import cpu_core_parameter
 from impulse_control_ros.files.topics import (
@@ -63,6 +64,8 @@ class Dashboard(ParameterNode):
         super().__init__('dashboard', DashboardParameters)
         self.run, self.inputs = LiveRun(), Inputs(self)
         self.peers: dict[str, Peer] = {}
+        self._left: list[Peer] = []  # whose last answer is still expected
+        self._active = ''
         self._look_at = 0.0
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_report, SLOW_QOS)
         self.create_subscription(
@@ -93,6 +96,7 @@ class Dashboard(ParameterNode):
 
     def _take(self, now: float) -> None:
         for header, (sec, nanosec, position, velocity, effort) in self.inputs.states():
+            self._active = header.controller
             self.run.add_state(now, header.run, to_ns(sec, nanosec), position, velocity, effort)
         for header, (sec, nanosec, position, velocity, area) in self.inputs.events():
             self.run.add_impulse(
@@ -108,25 +112,29 @@ class Dashboard(ParameterNode):
         self.inputs.choose()
         for role, topic in ROLES.items():
             self._find(role, topic)
+        self._left = [peer for peer in self._left if not peer.close()]
         self.requests.reach(self.peers.get('plant'))
         self.run.law = law_of(self.values('controller'))
         joints = [self.values(role).get('joint_name') for role in ('controller', 'plant')]
         self.inputs.read_joint(self.parameters.joint_name or next(filter(None, joints), 'axis'))
 
     def _find(self, role: str, topic: str) -> None:
-        """Keep the node of a role while it publishes the topic, or take another one."""
+        """Keep the node of a role while it publishes the topic, but take the active controller."""
         ends: dict[str, set[bytes]] = {}
         for info in self.get_publishers_info_by_topic(topic):
             name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             ends.setdefault(name, set()).add(bytes(info.endpoint_gid))
         peer = self.peers.get(role)
-        if peer and peer.name not in ends:
-            self.peers.pop(role).close()
-            peer = None
-        if not peer and ends:
-            peer = self.peers[role] = Peer(self, min(ends))
-        if peer:
-            peer.look(frozenset(ends[peer.name]))
+        name = peer.name if peer and peer.name in ends else min(ends, default='')
+        active = name_of(self._active)
+        if role == 'controller' and active in ends:
+            name = active
+        if peer and peer.name != name:
+            self._left.append(self.peers.pop(role))
+        if name and role not in self.peers:
+            self.peers[role] = Peer(self, name)
+        if name:
+            self.peers[role].look(frozenset(ends[name]))
 
     def _on_report(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -150,5 +158,5 @@ class Dashboard(ParameterNode):
         """Finish a recording, and close the connections of the page."""
         self.recording.close()
         self.server.close()
-        for peer in self.peers.values():
-            peer.close()
+        for peer in (*self.peers.values(), *self._left):
+            peer.close(wait=True)

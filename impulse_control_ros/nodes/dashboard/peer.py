@@ -34,6 +34,7 @@ class Peer:
         self._client = ParameterClient(node, name, lambda: sleep(SERVE), PATIENCE)
         self._worker = ThreadPoolExecutor(1, f'parameters of {name}')
         self._loading: Future[Loaded] | None = None
+        self._last: Future[Any] | None = None
         self._loaded: frozenset[bytes] | None = None
         self._wanted: frozenset[bytes] = frozenset()
 
@@ -46,7 +47,7 @@ class Peer:
         if self._loading is None:
             if self._loaded != ends:
                 self._wanted = ends
-                self._loading = self._worker.submit(self._load)
+                self._last = self._loading = self._worker.submit(self._load)
         elif self._loading.done():
             loading, self._loading = self._loading, None
             if not loading.exception():
@@ -62,7 +63,8 @@ class Peer:
 
     def set(self, values: Mapping[str, Any]) -> Future[str]:
         """Set parameters, all or none; the result is the reason of a refusal, or ''."""
-        return self._worker.submit(self._set, values)
+        self._last = made = self._worker.submit(self._set, values)
+        return made
 
     def _set(self, values: Mapping[str, Any]) -> str:
         try:
@@ -78,7 +80,10 @@ class Peer:
             self.values = self.values | ours
             self.version += 1
 
-    def close(self) -> None:
-        """Wait for the last answer, and leave."""
+    def close(self, wait: bool = False) -> bool:
+        """Leave the node, unless an answer is still expected; return whether it is left."""
+        if not (wait or self._last is None or self._last.done()):
+            return False
         self._worker.shutdown(cancel_futures=True)
         self._client.close()
+        return True

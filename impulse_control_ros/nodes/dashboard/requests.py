@@ -9,10 +9,9 @@ from typing import Any
 from rclpy.client import Client
 from std_srvs.srv import SetBool, Trigger
 
-from impulse_control_ros.files.atomic_write import replaced
 from impulse_control_ros.files.experiment import NODES
 from impulse_control_ros.files.parameter_file import base
-from impulse_control_ros.files.saved_parameters import experiment_text
+from impulse_control_ros.files.saved_parameters import write_experiment
 from impulse_control_ros.nodes.dashboard.fields import value_of
 from impulse_control_ros.nodes.dashboard.peer import Peer
 
@@ -44,7 +43,8 @@ class Requests:
         self._dashboard = dashboard
         self._now = 0.0
         self._waiting: list[Waiting] = []
-        self._changes: deque[tuple[Peer, dict[str, Any]]] = deque(maxlen=MOST_CHANGES)
+        # the node's name, and the values before
+        self._changes: deque[tuple[str, dict[str, Any]]] = deque(maxlen=MOST_CHANGES)
         self._plant = ''
         self._services: dict[str, Client] = {}
 
@@ -53,8 +53,8 @@ class Requests:
         """What an undo would set; '' for nothing."""
         if not self._changes:
             return ''
-        peer, before = self._changes[-1]
-        return ', '.join(f'{peer.name} {name} = {value}' for name, value in before.items())
+        node, before = self._changes[-1]
+        return ', '.join(f'{node} {name} = {value}' for name, value in before.items())
 
     def reach(self, plant: Peer | None) -> None:
         """Have clients of the services of the present plant, discovered before they are used."""
@@ -103,8 +103,13 @@ class Requests:
         if not self._changes:
             answer({'refused': 'there is nothing to undo'})
             return
-        peer, before = self._changes.pop()
-        self._send(peer, before, None, answer)
+        node, before = self._changes.pop()
+        peers = self._dashboard.peers.values()
+        peer = next((one for one in peers if one.name == node), None)
+        if peer:
+            self._send(peer, before, None, answer)
+        else:
+            answer({'refused': f'{node} is gone'})
 
     def _send(
         self, peer: Peer, values: dict[str, Any], before: dict[str, Any] | None, answer: Answer
@@ -113,7 +118,7 @@ class Requests:
 
         def done(refused: str) -> None:
             if not refused and before and before != values:
-                self._changes.append((peer, before))
+                self._changes.append((peer.name, before))
             answer({'refused': refused})
 
         self._wait(peer.set(values), done, answer)
@@ -160,8 +165,7 @@ def save(name: str, values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, str
     if not values:
         return {'refused': 'no plant_simulator and no controller is running'}
     try:
-        with replaced(path) as made:
-            made.write_text(experiment_text(values), encoding='utf-8')
+        write_experiment(path, values)
     except OSError as error:
         return {'refused': f'{path.absolute()}: {error.strerror}'}
     return {'refused': '', 'said': f'saved {" and ".join(values)} to {path.absolute()}'}
