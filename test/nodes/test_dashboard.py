@@ -3,6 +3,8 @@
 from http.client import HTTPConnection
 import json
 import re
+import subprocess
+import sys
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import build_opener, ProxyHandler, Request
@@ -17,7 +19,7 @@ from impulse_control_ros.files.recording import read_bag
 from test.chromium import needs_chromium, open_chromium
 from test.nodes.dashboard_page import Page, start_dashboard
 from test.nodes.runs import UNDERDAMPED
-from test.processes import Graph
+from test.processes import Graph, ROOT
 
 pytestmark = needs_chromium
 PACED = {'duration': 0.0, 'real_time_factor': 0.05, 'wait_for_recorder': False}
@@ -212,6 +214,26 @@ def test_a_port_in_use_is_refused_in_one_line(graph, dashboard):
     assert second.wait() == 2
     assert second.output == (
         f'dashboard: --host 127.0.0.1 --port {dashboard[2]}: Address already in use\n'
+    )
+
+
+def test_a_missing_bokeh_is_named_with_the_command_that_installs_it():
+    ended = subprocess.run(
+        [
+            sys.executable,
+            '-c',
+            "import sys; sys.modules['bokeh'] = None; "
+            'from impulse_control_ros.command_line import dashboard; sys.exit(dashboard())',
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (
+        1,
+        "dashboard: bokeh is missing: pip install 'impulse_control_ros[dashboard]', "
+        'or pip install bokeh\n',
     )
 
 

@@ -42,7 +42,7 @@ def main(stop: StopRequest) -> int:
     """Run the node; raises `MissingPackageError` without Bokeh."""
     if find_spec('bokeh') is None:
         raise MissingPackageError(
-            "bokeh is missing: the dashboard draws with it (pip install '.[dashboard]')"
+            "bokeh is missing: pip install 'impulse_control_ros[dashboard]', or pip install bokeh"
         )
 
     def makers(options: argparse.Namespace) -> list[Maker]:

@@ -81,11 +81,8 @@ class Requests:
             recording = self._dashboard.recording
             answer({'refused': recording.start() if what == 'record' else recording.stop()})
         elif what == 'save':
-            ours = {
-                base(peer.name): peer.values
-                for peer in self._dashboard.peers.values()
-                if base(peer.name) in NODES and peer.values
-            }
+            known = {base(one.name): one.values for one in self._dashboard.peers.values()}
+            ours = {name: known[name] for name in NODES if known.get(name)}
             answer(save(str(request.get('file')), ours))
         else:
             answer({'refused': f'unknown request {what!r}'})
