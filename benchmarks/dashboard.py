@@ -44,7 +44,7 @@ def dashboard(folder: Path) -> Iterator[None]:
             break
         except OSError:
             time.sleep(0.1)
-    browser = open_chromium(folder / 'profile')
+    browser = open_chromium(folder / 'profile', with_logs=False)
     browser.get(address)
     try:
         yield

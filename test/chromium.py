@@ -28,13 +28,15 @@ needs_chromium = pytest.mark.skipif(
 )
 
 
-def open_chromium(profile: Path) -> webdriver.Chrome:
-    """Return a browser that logs its console and its requests."""
+def open_chromium(profile: Path, with_logs: bool = True) -> webdriver.Chrome:
+    """Return a browser; it keeps logs of its console and of all that it requests."""
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for switch in (*SWITCHES, f'--user-data-dir={profile}'):
         options.add_argument(switch)
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    if with_logs:
+        options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
-    driver.execute_cdp_cmd('Network.enable', {})
+    if with_logs:
+        driver.execute_cdp_cmd('Network.enable', {})
     return driver

@@ -49,7 +49,7 @@ def test_memory_is_flat_and_no_impulse_is_lost(graph, client, tmp_path):
         config=CONFIG / 'axis.yaml',
         **{'recorder:bag': tmp_path / 'bag', 'plant_simulator:start_paused': True},
     )
-    browser = open_chromium(tmp_path / 'profile')
+    browser = open_chromium(tmp_path / 'profile', with_logs=False)  # which would grow
     try:
         page = Page(browser, found[1])
         page.field('controller.K', '10')
