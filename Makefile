@@ -6,7 +6,7 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
 SOURCED := $(and $(filter jazzy,$(ROS_DISTRO)),$(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes))
-EXTRAS := $(if $(SOURCED),[report],[report,ros])
+EXTRAS := $(if $(SOURCED),[dashboard],[dashboard,ros])
 
 .PHONY: demo test soak check bench clean
 

@@ -4,9 +4,10 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
-NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
+NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop', 'dashboard']
 TOOLS = ['simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param']
 REPORT = ['plotly>=6']
+DASHBOARD = [*REPORT, 'bokeh>=3.8']  # with tornado, which it needs
 # 400 MB that a robot does not need
 ANALYSIS = [*REPORT, 'matplotlib>=3.8', 'pandas>=2.1', 'pyarrow']
 DASK = ['distributed']
@@ -20,7 +21,7 @@ setup(
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'tools/analyze/page/*']},
+    package_data={PACKAGE: ['py.typed', 'nodes/dashboard/page/*', 'tools/analyze/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -44,7 +45,8 @@ setup(
     ],
     extras_require={
         'ros': ROS,
-        'report': REPORT,  # for analyze --report and make demo
+        'report': REPORT,  # for analyze --report
+        'dashboard': DASHBOARD,  # and for make demo
         'analysis': ANALYSIS,
         'dask': DASK,
         'examples': EXAMPLES,
@@ -67,6 +69,7 @@ setup(
             'catkin_pkg',
             'setuptools<80',
             *ANALYSIS,
+            *DASHBOARD,
             *DASK,
             *EXAMPLES,
         ],

@@ -36,7 +36,7 @@ Measured = tuple[float, dict[str, float]]
 
 
 class Child:
-    """A process, its output, and once it has ended its peak RSS in MB."""
+    """A process, its output, and once it has ended its peak RSS [MB] and time on a core [s]."""
 
     def __init__(self, *command: object) -> None:
         self._out = tempfile.TemporaryFile('w+')  # noqa: SIM115 (read once the child has ended)
@@ -46,13 +46,14 @@ class Child:
             stderr=self._out,
             start_new_session=True,
         )
-        self.peak = 0.0
+        self.peak = self.core_time = 0.0
 
     def wait(self) -> str:
         """Return what it said."""
         _, status, usage = os.wait4(self._popen.pid, 0)
         self._popen.returncode = os.waitstatus_to_exitcode(status)
         self.peak = usage.ru_maxrss / 1024
+        self.core_time = usage.ru_utime + usage.ru_stime
         self._out.seek(0)
         said = self._out.read()
         if self._popen.returncode:

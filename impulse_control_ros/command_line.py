@@ -177,6 +177,7 @@ def run(name: str, module: str, patience: float = math.inf) -> int:
 plant_simulator = partial(run, 'plant_simulator', 'nodes.plant_simulator')
 controller = partial(run, 'controller', 'nodes.controller')
 recorder = partial(run, 'recorder', 'nodes.recorder')
+dashboard = partial(run, 'dashboard', 'nodes.dashboard.command')
 closed_loop = partial(run, 'closed_loop', 'nodes.closed_loop')
 simulate = partial(run, 'simulate', 'tools.simulate')
 replay = partial(run, 'replay', 'tools.replay')

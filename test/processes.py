@@ -19,6 +19,7 @@ import pytest
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 ENVIRONMENT = dict(os.environ)  # of the processes; rclpy here may add to ours
+ENVIRONMENT['BROWSER'] = 'true'  # the dashboard opens none
 if ENVIRONMENT.pop('PYTHONDONTWRITEBYTECODE', ''):  # a third of the time of a start
     ENVIRONMENT.setdefault('PYTHONPYCACHEPREFIX', f'{tempfile.gettempdir()}/pycache_{os.getuid()}')
 ROOT = Path(__file__).parent.parent
@@ -69,6 +70,10 @@ class Process:
     @property
     def output(self) -> str:
         return self._log.read_text(errors='replace')
+
+    @property
+    def pid(self) -> int:
+        return self._popen.pid
 
     @property
     def running(self) -> bool:

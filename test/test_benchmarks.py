@@ -5,6 +5,9 @@ import json
 import subprocess
 import sys
 
+import pytest
+
+from test.chromium import needs_chromium
 from test.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
@@ -102,6 +105,29 @@ def test_the_reading_benchmark_measures_every_case():
     assert set(result['messages_per_s']) == {'mcap_iterator', 'read'}
     assert all(rate > 0 for rate in result['messages_per_s'].values())
     assert [line['messages'] for line in result['growth']] == [400, 4000, 40_000]
+
+
+@needs_chromium
+@pytest.mark.soak
+def test_the_dashboard_benchmark_measures_both_cases(graph):
+    said = subprocess.run(
+        [
+            sys.executable,
+            ROOT / 'benchmarks' / 'dashboard.py',
+            '--json',
+            '--rounds',
+            '1',
+            '--seconds',
+            '2',
+        ],
+        env=graph.env,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    result = json.loads(said)
+    assert result['steps_per_second_ratio'] > 0.0
+    assert result['steps_per_core_second_ratio'] > 0.0
 
 
 ERRORS = {

@@ -37,7 +37,7 @@ README, INSTALL = ROOT / 'README.md', ROOT / 'docs/how-to/install.md'
 DOCS = sorted(ROOT.glob('docs/**/*.md'))
 PAGES = [README, *DOCS, *ROOT.glob('[be]*/**/README.md')]
 PACKAGE = 'impulse_control_ros'
-NODES = ('plant_simulator', 'controller', 'recorder', 'closed_loop')
+NODES = ('plant_simulator', 'controller', 'recorder', 'closed_loop', 'dashboard')
 TOOLS = [entry.name for entry in entry_points(group='console_scripts') if PACKAGE in entry.value]
 NOT_ON_PYPI = ('ros2 bag', 'ros2 control', 'ros2 launch', 'ros2 lifecycle', 'ros2 security')
 # what the gate, the fixture of the workspace and test_paper_figures do
@@ -110,6 +110,8 @@ class Reader:
             words = words[3:]
         if line.startswith(DONE_ELSEWHERE) or not words:
             return
+        if words[0] == 'dashboard':
+            words[1:1] = ['--port', '0']  # another session may have the default
         if words[0] in NODES:
             process = self._graph.start(*words, bin_folder=self._executables)
             self._running.append(process)
@@ -124,7 +126,7 @@ class Reader:
         elif line == 'make demo':
             self._wait()
             self._run([sys.executable, '-m', f'{PACKAGE}.tools.demo'])
-            report = self._graph.folder / self._said.splitlines()[-1].rsplit(': ')[-1]
+            report = self._graph.folder / re.search(r'any browser: (.*)', self._said)[1]
             assert report.read_text().endswith('</html>\n')
         else:
             self._wait()

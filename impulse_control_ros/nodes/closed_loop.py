@@ -9,6 +9,8 @@ sample that is due within SPIN, because the executor waits 0.1 ms too long.
 """
 
 import argparse
+from contextlib import ExitStack
+import sys
 from time import perf_counter
 from typing import Any
 
@@ -22,6 +24,7 @@ from impulse_control_ros.files.topics import (
     JOINT_STATES,
     RUN_PARAMETERS,
 )
+from impulse_control_ros.nodes.child import Child, remappings
 from impulse_control_ros.nodes.controller import Controller
 from impulse_control_ros.nodes.plant_simulator import PlantSimulator
 from impulse_control_ros.nodes.recorder import Recorder
@@ -119,14 +122,18 @@ class ClosedLoop:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that are not ROS arguments."""
     parser.add_argument('--no-recorder', action='store_true', help='run without a recorder')
+    parser.add_argument('--dashboard', action='store_true', help='open the dashboard beside it')
 
 
 def main(stop: StopRequest) -> int:
     """Run the three nodes of a parameter file until the run is over."""
-    loop = ClosedLoop()
+    loop, beside = ClosedLoop(), ExitStack()
 
     def makers(options: argparse.Namespace) -> list[Maker]:
         record = not options.no_recorder
+        if options.dashboard:
+            dashboard = Child('dashboard', '--ros-args', *remappings(sys.argv))
+            beside.callback(dashboard.end)
         return [
             lambda: loop.make_plant(record),
             loop.make_controller,
@@ -145,3 +152,4 @@ def main(stop: StopRequest) -> int:
         )
     finally:
         loop.close()
+        beside.close()

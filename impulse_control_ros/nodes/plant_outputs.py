@@ -16,9 +16,17 @@ from impulse_control_ros.core.tick import samples_between
 from impulse_control_ros.files.cdr import encode_float64, encode_time, WITHOUT_VELOCITY
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.files.parameter_event import encode_parameter_event
-from impulse_control_ros.files.topics import CLOCK, DAMPING, JOINT_STATES, RUN_PARAMETERS
+from impulse_control_ros.files.topics import (
+    CLOCK,
+    DAMPING,
+    JOINT_STATES,
+    RUN_PARAMETERS,
+    THROTTLED_STATES,
+)
 from impulse_control_ros.nodes.joint_state_io import verified_layout
-from impulse_control_ros.nodes.topics import Output, SERIES_QOS
+from impulse_control_ros.nodes.topics import Output, SERIES_QOS, SLOW_QOS
+
+THROTTLE = 0.004  # s of wall time between throttled states: curves of 250 points per second
 
 
 class PlantOutputs:
@@ -27,6 +35,7 @@ class PlantOutputs:
     def __init__(self, node: Node, joint: str) -> None:
         self.parameters = Output(node, ParameterEvent, RUN_PARAMETERS)
         self.states = Output(node, JointState, JOINT_STATES)
+        self.throttled = Output(node, JointState, THROTTLED_STATES, SLOW_QOS)
         self.clock = Output(node, Clock, CLOCK, SERIES_QOS)
         self.damping = Output(node, Float64, DAMPING)
         self._name = node.get_fully_qualified_name()
@@ -34,6 +43,8 @@ class PlantOutputs:
         self._header: StateHeader | None = None
         self._last = (0, 0), math.nan, math.nan, 0.0
         self._last_clock = b''
+        self._raw = b''
+        self._throttled_until = -math.inf
         self._clock_every = self._damping_every = 0
 
     def change(self, parameters: PlantParameters) -> None:
@@ -72,6 +83,7 @@ class PlantOutputs:
             raw = self._layout_without_velocity.encode(*stamp, position, effort)
         else:
             raw = self._layout.encode(*stamp, position, velocity, effort)
+        self._raw = raw
         self.states.send(raw)
 
     def send_again(self, header: StateHeader, with_clock: bool) -> None:
@@ -79,6 +91,13 @@ class PlantOutputs:
         self.send_state(header, *self._last)
         if with_clock and self._clock_every:
             self.clock.send(self._last_clock)
+        self.throttled.send(self._raw)
+
+    def send_throttled(self, now: float) -> None:
+        """Publish the last state for displays too, which every sample would cost a third."""
+        if now >= self._throttled_until:
+            self._throttled_until = now + THROTTLE
+            self.throttled.send(self._raw)
 
     def send_beside(self, tick: int, stamp: tuple[int, int], damping: float) -> None:
         """Publish clock and damping [N s/m] if they are due at ``tick``."""

@@ -138,6 +138,7 @@ class PlantSimulator(ParameterNode):
         stamp, self._published_at = self.clock.stamp, monotonic()
         self.arbiter.expect(stamp, self._published_at)
         self.outputs.send_state(self.arbiter.header, stamp, *self.axis.measured(), effort)
+        self.outputs.send_throttled(self._published_at)
         self.outputs.send_beside(tick, stamp, damping)
 
     def on_command(self, raw: bytes) -> None:

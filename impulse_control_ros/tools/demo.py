@@ -1,7 +1,7 @@
 """
 ``make demo``: the underdamped axis with PD alone and with impulses, recorded and compared.
 
-It ends with the report that ``analyze --report`` makes of both.
+It ends with the report that ``analyze --report`` makes of both, and names the dashboard.
 
 Each run is one process that needs no other and must hear no other: it is not discovered.
 """
@@ -23,13 +23,19 @@ from impulse_control_ros.tools.analyze.run import Run
 from impulse_control_ros.tools.analyze.table import responses_of
 
 CASES = ('pd_only_lower', 'underdamped')
+LIVE = '--dashboard --no-recorder --ros-args --params-file config/axis.yaml'
+
+
+def executable(name: str) -> str:
+    """Return the path of an installed executable."""
+    return os.path.relpath(Path(sys.executable).with_name(name))
 
 
 def closed_loop(config: Path, bag: Path) -> int:
     """Run one experiment through the installed executable; returns its exit status."""
     return subprocess.run(
         [
-            str(Path(sys.executable).with_name('closed_loop')),
+            executable('closed_loop'),
             '--ros-args',
             '--params-file',
             str(config),
@@ -105,9 +111,10 @@ def main() -> int:
     print('\n' + table(['PD only', 'with impulses'], columns))
     if find_spec('plotly') is None:
         print('\nno report of the runs: it needs plotly (pip install plotly)')
-        return 0
-    write_report(folder / 'report.html', runs)
-    print(f'\nreport of both runs, for any browser: {folder / "report.html"}')
+    else:
+        write_report(folder / 'report.html', runs)
+        print(f'\nreport of both runs, for any browser: {folder / "report.html"}')
+    print(f'to watch an axis move and tune it:    {executable("closed_loop")} {LIVE}')
     return 0
 
 

@@ -6,9 +6,10 @@ from xml.etree import ElementTree
 import rclpy
 from std_msgs.msg import Float64
 
-from test.nodes.runs import NODES
+from test.nodes.runs import NODES as RUN
 from test.processes import ROOT
 
+NODES = ('dashboard', *RUN)  # it finds the others as they come
 # the attribute in a policy, and how rclpy lists it
 ACCESS = {
     'publish': 'publisher',
@@ -67,12 +68,17 @@ def test_each_node_takes_the_access_that_it_is_granted_and_no_more(graph, client
         'controller': {'lifecycle': True, 'command_interface': 'effort_array'},
         'recorder': {'bag': graph.folder / 'bag'},
     }
-    processes = [graph.start(name, **options[name]) for name in NODES]
+    dashboard = graph.start('dashboard', '--no-browser', '--port', 0)
+    of_foreign_plants = ('subscribe', '/joint_states')  # until it finds one of ours
+    client.spin_until(
+        lambda: of_foreign_plants in taken(client.node, 'dashboard'), 'the dashboard'
+    )
+    processes = [dashboard, *(graph.start(name, **options[name]) for name in RUN)]
     client.node.create_publisher(Float64, '/setpoint', 10)
     client.activate()
     client.spin_until(lambda: client.count_of('plant_simulator', 'accepted'), 'a run')
     wanted = {name: granted(name) - OPTIONAL for name in NODES}
-    seen = {name: set() for name in NODES}
+    seen = {name: set() for name in NODES} | {'dashboard': {of_foreign_plants}}
 
     def complete():
         for name, access in seen.items():

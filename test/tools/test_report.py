@@ -2,13 +2,10 @@
 
 import json
 from pathlib import Path
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from selenium import webdriver
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
@@ -17,6 +14,7 @@ from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.tools.analyze.packing import on_grid
+from test.chromium import needs_chromium, open_chromium
 from test.command_lines import status_of
 from test.conftest import BIN
 from test.tools.bags import (
@@ -32,28 +30,10 @@ from test.tools.bags import (
     told,
 )
 
-CHROMIUM = (
-    shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-)
-CHROMEDRIVER = shutil.which('chromedriver')
-SWITCHES = (
-    '--headless=new',
-    '--no-sandbox',
-    '--disable-gpu',
-    '--disable-quic',
-    '--no-first-run',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--disable-sync',
-    '--window-size=1280,900',
-)
 PATIENCE = 120.0
 RUNS = ('pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
 
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and CHROMEDRIVER),
-    reason='no chromium and chromedriver: apt-get install chromium chromium-driver',
-)
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope='module')
@@ -72,13 +52,7 @@ def page(tmp_path_factory, bags):
 
 @pytest.fixture(scope='module')
 def browser(tmp_path_factory):
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for switch in (*SWITCHES, f'--user-data-dir={tmp_path_factory.mktemp("profile")}'):
-        options.add_argument(switch)
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
-    driver.execute_cdp_cmd('Network.enable', {})
+    driver = open_chromium(tmp_path_factory.mktemp('profile'))
     driver.execute_cdp_cmd(
         'Network.emulateNetworkConditions',
         {'offline': True, 'latency': 0, 'downloadThroughput': 0, 'uploadThroughput': 0},
