@@ -4,8 +4,11 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
-NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop']
-TOOLS = ['simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param']
+NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop', 'excite']
+TOOLS = [
+    *('simulate', 'analyze', 'identify', 'export_bag', 'replay', 'sweep', 'paper_figures'),
+    'param',
+]
 REPORT = ['plotly>=6']
 # 400 MB that a robot does not need
 ANALYSIS = [*REPORT, 'matplotlib>=3.8', 'pandas>=2.1', 'pyarrow']

@@ -53,5 +53,9 @@ class RefusedError(NodeError):
     """A node refuses new parameters; the message is its reason."""
 
 
+class ExcitationError(ImpulseControlError, RuntimeError):
+    """A motion for identification that ends early; the message says why."""
+
+
 class UsageError(ImpulseControlError):
     """A command line cannot be carried out; the message says why."""

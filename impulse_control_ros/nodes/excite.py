@@ -1,0 +1,262 @@
+"""
+``excite``: moves an axis for identification, by set-points alone.
+
+It turns the impulses of the controller off, publishes the set-points of core/excitation.py on
+``setpoint`` in answer to joint_states, and at the end sets ``x_r`` and ``impulses`` as they were.
+When a limit is passed, states stay away or the user interrupts, it stops: the set-point is then
+where the axis is, the impulses stay off, and the exit status is 1.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+import math
+from time import monotonic
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from impulse_control_ros.command_line import StopRequest
+from impulse_control_ros.core.excitation import Excitation, Limits
+from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.tick import SECOND, to_ns
+from impulse_control_ros.errors import ExcitationError, UnreadableError, UsageError
+from impulse_control_ros.files.experiment import cpu_core_parameter
+from impulse_control_ros.files.topics import JOINT_STATES, SETPOINT
+from impulse_control_ros.nodes.joint_state_io import JointStateReader
+from impulse_control_ros.nodes.parameters import ParameterNode
+from impulse_control_ros.nodes.spin import IDLE, main as run_node
+from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SLOW_QOS
+
+PERIOD = SECOND // 100  # ns of the states' time between two set-points
+ASK_AGAIN = 2.0  # s: DDS may lose the response of a service that has just been discovered
+WAITS = 0.01  # s between two looks at a pending response
+ASKED = ('K', 'D', 'x_r', 'impulses', 'joint_name')
+DESCRIPTION = """\
+Move an axis for identification: ramps at three speeds and steps, in both directions, by the
+set-point of a running controller. Its impulses are off meanwhile. Record the motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExciteParameters(Parameters):
+    """Parameters of the node ``excite``."""
+
+    state_timeout: float = parameter(
+        2.0, 's', 'wall time without a state after which the motion stops', lower=0.01
+    )
+    discovery_timeout: float = parameter(
+        30.0, 's', 'wall time that the controller and its states are waited for', lower=0.01
+    )
+    cpu_core: int = cpu_core_parameter()
+
+
+class Excite(ParameterNode):
+    """Moves the axis of a controller of ours within limits."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__('excite', ExciteParameters)
+        self._limits = limits_of(options)
+        self._controller = options.controller
+        self._client = AsyncParameterClient(self, options.controller)
+        self._set_point = self.create_publisher(Float64, SETPOINT, SLOW_QOS)
+        self._before: dict[str, Any] = {}
+        self._motion: Excitation | None = None
+        self._moves = False
+        self._position = math.nan
+        self._first = self._last = self._told_at = 0
+        self._told = math.nan
+        self._heard = monotonic()
+        self._response: Future | None = None
+        self._make(self._ask)
+        self.get_logger().info(f'waiting for {self._controller} and joint_states')
+
+    # -- requests to the controller, one after the other ------------------------------------
+
+    def _make(self, request: Callable[[], None] | None) -> None:
+        """Make a ``request`` from now on, until its response is there."""
+        self._request, self._since, self._asked = request, monotonic(), -math.inf
+
+    def _ask(self) -> None:
+        """Ask for the gains, and for what is to be restored."""
+        if self._client.services_are_ready() and self._set_point.get_subscription_count():
+            self._call(self._client.get_parameters, list(ASKED), self._listen)
+
+    def _listen(self, response: Any) -> None:
+        """Listen to the states of the controller's joint."""
+        values = map(parameter_value_to_python, response.values)
+        self._before = dict(zip(ASKED, values, strict=True))
+        self._make(None)
+        self._reader = JointStateReader(self._before['joint_name'], str, ('position',))
+        self.create_subscription(JointState, JOINT_STATES, self._on_state, LOCKSTEP_QOS, raw=True)
+
+    def _turn_off(self) -> None:
+        """Turn the impulses off, and then begin to move."""
+        self._set({'impulses': False}, self._begin)
+
+    def _begin(self) -> None:
+        self._moves = True
+        self._make(None)
+        limits = self._limits
+        self.get_logger().info(
+            f'impulses are off; moving within {limits.low:g} to {limits.high:g} m at up to '
+            f'{limits.speed:g} m/s'
+        )
+
+    def _restore(self) -> None:
+        """Set what was changed as it was."""
+        self._set({name: self._before[name] for name in ('x_r', 'impulses')}, self._finish)
+
+    def _finish(self) -> None:
+        assert self._motion is not None
+        speeds, self.finished = self._motion.speeds, True
+        self.get_logger().info(
+            f'{len(speeds)} moves in {(self._last - self._first) / SECOND:.3g} s at up to '
+            f'{max(speeds):.3g} m/s; x_r and impulses are as before'
+        )
+
+    def _set(self, values: dict[str, Any], then: Callable[[], None]) -> None:
+        """Set parameters of the controller, all or none."""
+
+        def judge(response: Any) -> None:
+            if not response.result.successful:
+                raise ExcitationError(f'{self._controller}: {response.result.reason}')
+            then()
+
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        self._call(self._client.set_parameters_atomically, given, judge)
+
+    def _call(self, service: Any, argument: Any, then: Callable[[Any], None]) -> None:
+        """Call a service, again if it does not answer, and pass its response to ``then``."""
+        if self._response is not None and self._response.done():
+            response, self._response = self._response.result(), None
+            then(response)
+        elif monotonic() > self._asked + ASK_AGAIN:
+            self._response, self._asked = service(argument), monotonic()
+
+    # -- states -----------------------------------------------------------------------------
+
+    def _on_state(self, raw: bytes) -> None:
+        """Answer a state with a set-point."""
+        try:
+            _, (sec, nanosec, position) = self._reader.read(raw)
+        except UnreadableError as error:
+            if not error.is_normal:
+                self.get_logger().warning(f'joint_states: {error}', throttle_duration_sec=5.0)
+            return
+        stamp = to_ns(sec, nanosec)
+        if not math.isfinite(position) or stamp == self._last or self.finished:
+            return
+        self._heard, self._position = monotonic(), position
+        try:
+            self._move(stamp, position)
+        except ExcitationError as error:
+            self._stop(error)
+
+    def _move(self, stamp: int, position: float) -> None:
+        if stamp < self._last:
+            raise ExcitationError('the stamps of joint_states went back')
+        self._last = stamp
+        if self._motion is None:
+            K, D, x_r, *_ = self._before.values()
+            self._motion = Excitation(self._limits, K, D, x_r, position)
+            self._make(self._turn_off)
+        if not self._moves:
+            return
+        self._first = self._first or stamp
+        point = self._motion.answer((stamp - self._first) / SECOND, position)
+        if point is None:
+            self._moves = False
+            self._make(self._restore)
+        elif point != self._told and stamp >= self._told_at + PERIOD:
+            self._told, self._told_at = point, stamp
+            self._set_point.publish(Float64(data=point))
+
+    # -- the end ----------------------------------------------------------------------------
+
+    def _stop(self, reason: ExcitationError | str) -> None:
+        """End with an error, and hold the axis where it is if it was moved."""
+        if self._motion is None or self._request == self._restore:
+            self.fail(ExcitationError(str(reason)))
+            return
+        at = min(max(self._position, self._limits.low), self._limits.high)
+        self._set_point.publish(Float64(data=at))
+        self._moves = False
+        self.fail(
+            ExcitationError(
+                f'{reason}: stopped; the controller holds {at:g} m, and its impulses are off'
+            )
+        )
+
+    def poll(self) -> float:
+        """Make the next request; stop if the controller or the states stay away."""
+        patience, now = self.parameters.discovery_timeout, monotonic()
+        limit = self.parameters.state_timeout if self._last else patience
+        try:
+            if self._request is not None:
+                self._request()
+                if now > self._since + patience:
+                    raise ExcitationError(f'no answer of {self._controller} for {patience:g} s')
+            elif now > self._heard + limit:
+                raise ExcitationError(f'no state on joint_states for {limit:g} s')
+        except ExcitationError as error:
+            self._stop(error)
+        return IDLE if self._request is None else WAITS
+
+    def close(self) -> None:
+        """Stop a motion that is interrupted, and wait until its set-point is acknowledged."""
+        if not self.finished:
+            self._stop('interrupted')
+        self._set_point.wait_for_all_acked(Duration(seconds=1))
+
+
+def limits_of(options: argparse.Namespace) -> Limits:
+    """Return the limits; raises `UsageError`."""
+    (low, high), speed = options.travel, options.max_speed
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise UsageError(f'--travel {low:g} {high:g}: LOW must be below HIGH, both finite [m]')
+    if not 0.0 < speed < math.inf:
+        raise UsageError(f'--max-speed {speed:g}: must be > 0 and finite [m/s]')
+    return Limits(low=low, high=high, speed=speed)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that are not ROS arguments."""
+    parser.add_argument(
+        '--travel',
+        metavar=('LOW', 'HIGH'),
+        nargs=2,
+        type=float,
+        required=True,
+        help='the positions [m] that the axis stays between',
+    )
+    parser.add_argument(
+        '--max-speed',
+        metavar='V',
+        type=float,
+        required=True,
+        help='the speed [m/s] that the axis stays below, as a mean over 20 ms',
+    )
+    parser.add_argument(
+        '--controller',
+        metavar='NODE',
+        default='controller',
+        help='the controller to use (default: %(default)s)',
+    )
+
+
+def main(stop: StopRequest) -> int:
+    """Run the node."""
+    return run_node(
+        stop,
+        'excite',
+        DESCRIPTION,
+        lambda options: [partial(Excite, options)],
+        'state_timeout:=5.0',
+        add_options,
+    )
