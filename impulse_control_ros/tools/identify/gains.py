@@ -1,0 +1,244 @@
+"""
+Gains from a requirement: settle in time, or be stiff, with the least effort.
+
+The candidates have a bound d_bar at or above the identified one and critical damping,
+D = 2 sqrt(m K) - d_bar. Each is simulated on the identified axis: at the least and the largest
+damping, with a damping that varies between them, and at both ends of the interval of the mass.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from impulse_control_ros.core.batch import simulate_batch
+from impulse_control_ros.core.damping import Damping
+from impulse_control_ros.core.design import quiet_error
+from impulse_control_ros.core.identification import Identification
+from impulse_control_ros.core.tick import ticks
+from impulse_control_ros.errors import UsageError
+from impulse_control_ros.files.experiment import ControllerParameters, PlantParameters
+from impulse_control_ros.tools.identify.axis import rounded
+
+WIDEST = 30.0  # the largest d_bar of a candidate over the least one
+LOSS = 1.2  # of settling time, that less effort may cost
+SPARE = 1.2  # of force, beyond friction and offset
+SLOW = 20.0  # simulated time constants of a loop of given stiffness
+STIFFEST = 0.3  # rad a sample, of sqrt(K / m)
+FASTER = 10.0 / (2.0 * math.pi)  # corner of the velocity estimate [Hz] over sqrt(K / m) [rad/s]
+INTEGRAL = 0.1  # of the largest stable K_i
+ROOM = 1.05  # dead bands over what check_gains asks for
+ABOVE = 1.15  # d_bar of the controller over that of the records, which bounds these alone
+RATIO = 0.6  # of alpha, unless the interval of the mass asks for another one
+CANDIDATES = 10
+STRONGER = 2.0  # from one stiffness to the next
+PATIENCE = 4.0  # simulated settling times
+SMALL = 1e-3  # of the travel, within which an axis with an ideal sensor has settled
+
+
+@dataclass(frozen=True, kw_only=True)
+class Requirement:
+    """
+    What the loop is to do over a step of ``travel`` [m].
+
+    Either ``settling_time`` [s] or ``stiffness`` K [N/m] is given. ``effort_limit`` [N] is that
+    of the drive, 0 for none.
+    """
+
+    travel: float
+    settling_time: float | None = None
+    stiffness: float | None = None
+    effort_limit: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """
+    Gains, and the worst of the simulated responses.
+
+    ``settling_time`` [s] is to within ``band`` [m] of the set-point, inf if one never settles;
+    ``peak_effort`` [N] and ``impulses`` are the largest of a response.
+    """
+
+    gains: ControllerParameters
+    band: float
+    settling_time: float
+    peak_effort: float
+    impulses: int
+
+
+def designed(found: Identification, plant: PlantParameters, need: Requirement) -> Design:
+    """
+    Return the design of least effort that meets a requirement.
+
+    Raises `UsageError` if none does, with the nearest that can be met.
+    """
+    require_force(plant, need)
+    bounds = np.geomspace(ABOVE, ABOVE * WIDEST, CANDIDATES) * found.d_bar
+    if need.stiffness is not None:
+        designs = [*stiff_designs(found, plant, need, need.stiffness, bounds)]
+        fastest = min(design.settling_time for design in designs)
+        if not math.isfinite(fastest):
+            raise UsageError(
+                f'--stiffness {need.stiffness:g}: the axis does not settle; another stiffness, or '
+                '--settling-time, is needed'
+            )
+        good = [one for one in designs if one.settling_time <= LOSS * fastest]
+        return min(good, key=lambda one: one.peak_effort)
+    assert need.settling_time is not None
+    designs = [
+        design
+        for d_bar in bounds
+        for design in quick_enough(found, plant, need, rounded(d_bar), need.settling_time)
+    ]
+    good = [one for one in designs if one.settling_time <= need.settling_time]
+    if good:
+        return min(good, key=lambda one: (rounded(one.peak_effort, 3), one.gains.K))
+    fastest = min((one.settling_time for one in designs), default=math.inf)
+    if not math.isfinite(fastest):
+        raise UsageError(
+            f'--settling-time {need.settling_time:g}: the axis does not settle in a time near it; '
+            'a longer one, or a larger --effort-limit, is needed'
+        )
+    raise UsageError(
+        f'--settling-time {need.settling_time:g}: cannot be met; the nearest that can is '
+        f'--settling-time {rounded(1.01 * fastest, 3):g}'
+    )
+
+
+def require_force(plant: PlantParameters, need: Requirement) -> None:
+    """Raise `UsageError` for a limit of the effort that cannot move the axis."""
+    least = max(plant.F_c, plant.stribeck.F_s) + abs(plant.disturbance.force)
+    if 0.0 < need.effort_limit <= SPARE * least:
+        raise UsageError(
+            f'--effort-limit {need.effort_limit:g}: must be above {SPARE * least:.3g} N, '
+            f'{SPARE:g} times the friction and the offset'
+        )
+
+
+def stiff_designs(
+    found: Identification,
+    plant: PlantParameters,
+    need: Requirement,
+    K: float,
+    bounds: np.ndarray,
+) -> Iterator[Design]:
+    """Yield the designs of one stiffness [N/m]; raises `UsageError` where it is too soft."""
+    softest = bounds[0] ** 2 / (4.0 * plant.m)
+    if softest > K:
+        raise UsageError(
+            f'--stiffness {K:g}: d_bar alone would overdamp the axis; the nearest that can be met '
+            f'is --stiffness {rounded(1.001 * softest):g}'
+        )
+    longest = SLOW * max(1.0 / math.sqrt(K / plant.m), 4.0 * plant.m / bounds[0])
+    for d_bar in bounds:
+        if d_bar <= 2.0 * math.sqrt(plant.m * K):
+            yield tried(found, plant, need, K, rounded(d_bar), longest)
+
+
+def quick_enough(
+    found: Identification,
+    plant: PlantParameters,
+    need: Requirement,
+    d_bar: float,
+    settling_time: float,
+) -> Iterator[Design]:
+    """Yield designs of rising stiffness, up to the first that settles in time, or the stiffest."""
+    K = rounded(1.001 * d_bar**2 / (4.0 * plant.m))
+    while math.sqrt(K / plant.m) * plant.time_step < STIFFEST:
+        design = tried(found, plant, need, K, d_bar, PATIENCE * settling_time)
+        yield design
+        if design.settling_time <= settling_time:
+            return
+        K = rounded(STRONGER * K)
+
+
+def tried(
+    found: Identification,
+    plant: PlantParameters,
+    need: Requirement,
+    K: float,
+    d_bar: float,
+    duration: float,
+) -> Design:
+    """Return the design with these gains, from its simulated responses."""
+    gains = gains_of(found, plant, need, K, d_bar)
+    sensor = plant.sensor
+    band = max(
+        gains.position_deadband + 0.5 * sensor.resolution,
+        2.0 * sensor.resolution + 4.0 * sensor.position_noise,
+        SMALL * need.travel,
+    )
+    low, high = (
+        (plant.damping.value,) * 2
+        if plant.damping.kind == 'constant'
+        else (plant.damping.lower, plant.damping.upper)
+    )
+    lightest, heaviest = found.parameters['m'].interval
+    rows = np.array(
+        [
+            (low, low, plant.m),
+            (high, high, plant.m),
+            (low, high, plant.m),
+            (high, high, lightest),
+            (high, high, heaviest),
+        ]
+    ).T
+    axis = replace(plant, x_0=need.travel, damping=Damping(kind='noise', lower=low, upper=high))
+    varied = dict(zip(('damping.lower', 'damping.upper', 'm'), rows, strict=True))
+    steps = max(ticks(duration, plant.time_step), 100)
+    seen = simulate_batch(axis, gains, steps * plant.time_step, varied, (band,))
+    settled = np.where(seen['diverged'], np.nan, seen['settling_time'][:, 0])
+    return Design(
+        gains=gains,
+        band=band,
+        settling_time=math.inf if np.isnan(settled).any() else float(settled.max()),
+        peak_effort=float(seen['peak_effort'].max()),
+        impulses=int(seen['impulses'].max()),
+    )
+
+
+def gains_of(
+    found: Identification, plant: PlantParameters, need: Requirement, K: float, d_bar: float
+) -> ControllerParameters:
+    """Return the gains of a candidate, with dead bands for the sensor and the friction."""
+    sensor = plant.sensor
+    estimates = sensor.velocity == 'none' or (
+        sensor.velocity == 'difference' and sensor.resolution + sensor.position_noise > 0.0
+    )
+    D = max(2.0 * math.sqrt(plant.m * K) - d_bar, 0.0)
+    bandwidth = rounded(min(max(FASTER * math.sqrt(K / plant.m), 5.0), 0.1 / plant.time_step), 3)
+    blur = sensor.resolution + 2.0 * sensor.position_noise
+    noise = 4.0 * math.pi * bandwidth * blur if estimates else 5.0 * sensor.velocity_noise
+    force = abs(plant.disturbance.force)
+    gains = ControllerParameters(
+        m=plant.m,
+        K=K,
+        D=D,
+        d_bar=d_bar,
+        alpha_ratio=ratio_for(found),
+        K_i=rounded(INTEGRAL * (D + found.d_range[0]) * K / plant.m) if force > plant.F_c else 0.0,
+        effort_limit=need.effort_limit,
+        velocity_deadband=max(rounded(ROOM * noise), 1e-6),
+        stiction_wait_samples=plant.actuator.delay + 1,
+        velocity_source='estimated' if estimates else 'measured',
+        velocity_bandwidth=bandwidth if estimates else 50.0,
+        time_step=plant.time_step,
+    )
+    quiet = quiet_error(gains, plant.F_c, plant.m) if plant.F_c else 0.0
+    sensed = 1.5 * sensor.resolution + 4.0 * sensor.position_noise
+    return replace(gains, position_deadband=max(rounded(ROOM * max(quiet, sensed)), 1e-6))
+
+
+def ratio_for(found: Identification) -> float:
+    """Return an alpha_ratio that stays within (19) for every mass of the interval."""
+    low, high = (end / found.parameters['m'].value for end in found.parameters['m'].interval)
+    if 0.5 * high <= RATIO < low:
+        return RATIO
+    if 0.5 * high >= low:
+        raise UsageError(
+            f'the interval of m is too wide for (19): its ends are {low:.3g} and {high:.3g} times '
+            'its value, and must be less than a factor of 2 apart'
+        )
+    return rounded(0.5 * (0.5 * high + low), 3)
