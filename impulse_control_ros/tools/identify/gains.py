@@ -14,14 +14,16 @@ import numpy as np
 
 from impulse_control_ros.core.batch import simulate_batch
 from impulse_control_ros.core.damping import Damping
-from impulse_control_ros.core.design import quiet_error
+from impulse_control_ros.core.design import first_zero_time, quiet_error
 from impulse_control_ros.core.identification import Identification
+from impulse_control_ros.core.metrics import COUNTS
+from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import ticks
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.experiment import ControllerParameters, PlantParameters
 from impulse_control_ros.tools.identify.axis import rounded
 
-WIDEST = 30.0  # the largest d_bar of a candidate over the least one
+WIDEST = 20.0  # the largest d_bar of a candidate over the least one
 LOSS = 1.2  # of settling time, that less effort may cost
 SPARE = 1.2  # of force, beyond friction and offset
 SLOW = 20.0  # simulated time constants of a loop of given stiffness
@@ -31,9 +33,11 @@ INTEGRAL = 0.1  # of the largest stable K_i
 ROOM = 1.05  # dead bands over what check_gains asks for
 ABOVE = 1.15  # d_bar of the controller over that of the records, which bounds these alone
 RATIO = 0.6  # of alpha, unless the interval of the mass asks for another one
-CANDIDATES = 10
+CANDIDATES = 8
 STRONGER = 2.0  # from one stiffness to the next
-PATIENCE = 4.0  # simulated settling times
+PATIENCE = 2.0  # simulated settling times
+SOFTEST = 1.5  # stiffness over that at which d_bar alone damps critically
+SEEDS = (1, 2, 3)  # of a varying damping and of noise
 SMALL = 1e-3  # of the travel, within which an axis with an ideal sensor has settled
 
 
@@ -66,6 +70,7 @@ class Design:
     settling_time: float
     peak_effort: float
     impulses: int
+    impulses_at_rest: float = math.nan
 
 
 def designed(found: Identification, plant: PlantParameters, need: Requirement) -> Design:
@@ -85,7 +90,8 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
                 '--settling-time, is needed'
             )
         good = [one for one in designs if one.settling_time <= LOSS * fastest]
-        return min(good, key=lambda one: one.peak_effort)
+        good.sort(key=lambda one: one.peak_effort)
+        return first_at_rest(good, plant, need)
     assert need.settling_time is not None
     designs = [
         design
@@ -94,7 +100,8 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
     ]
     good = [one for one in designs if one.settling_time <= need.settling_time]
     if good:
-        return min(good, key=lambda one: (rounded(one.peak_effort, 3), one.gains.K))
+        good.sort(key=lambda one: (rounded(one.peak_effort, 3), one.gains.K))
+        return first_at_rest(good, plant, need)
     fastest = min((one.settling_time for one in designs), default=math.inf)
     if not math.isfinite(fastest):
         raise UsageError(
@@ -105,6 +112,24 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
         f'--settling-time {need.settling_time:g}: cannot be met; the nearest that can is '
         f'--settling-time {rounded(1.01 * fastest, 3):g}'
     )
+
+
+def first_at_rest(designs: list[Design], plant: PlantParameters, need: Requirement) -> Design:
+    """Return the first design without impulses at rest, or the first one with least of them."""
+    best: Design | None = None
+    for design in designs:
+        duration = ticks(3.0 * design.settling_time, plant.time_step) * plant.time_step
+        run = simulate(replace(plant, x_0=need.travel), design.gains, duration)
+        late = run.events['tick'] * plant.time_step > 1.5 * design.settling_time
+        design = replace(
+            design, impulses_at_rest=np.count_nonzero(late) / (1.5 * design.settling_time)
+        )
+        if best is None or design.impulses_at_rest < best.impulses_at_rest:
+            best = design
+        if not late.any():
+            break
+    assert best is not None
+    return best
 
 
 def require_force(plant: PlantParameters, need: Requirement) -> None:
@@ -134,7 +159,8 @@ def stiff_designs(
     longest = SLOW * max(1.0 / math.sqrt(K / plant.m), 4.0 * plant.m / bounds[0])
     for d_bar in bounds:
         if d_bar <= 2.0 * math.sqrt(plant.m * K):
-            yield tried(found, plant, need, K, rounded(d_bar), longest)
+            gains = gains_of(found, plant, need, K, rounded(d_bar))
+            yield tried(found, plant, need, gains, longest)
 
 
 def quick_enough(
@@ -145,12 +171,14 @@ def quick_enough(
     settling_time: float,
 ) -> Iterator[Design]:
     """Yield designs of rising stiffness, up to the first that settles in time, or the stiffest."""
-    K = rounded(1.001 * d_bar**2 / (4.0 * plant.m))
+    K = rounded(SOFTEST * d_bar**2 / (4.0 * plant.m))
     while math.sqrt(K / plant.m) * plant.time_step < STIFFEST:
-        design = tried(found, plant, need, K, d_bar, PATIENCE * settling_time)
-        yield design
-        if design.settling_time <= settling_time:
-            return
+        gains = gains_of(found, plant, need, K, d_bar)
+        if first_zero_time(gains, found.d_bar) <= settling_time:  # else it cannot settle in time
+            design = tried(found, plant, need, gains, PATIENCE * settling_time)
+            yield design
+            if design.settling_time <= settling_time:
+                return
         K = rounded(STRONGER * K)
 
 
@@ -158,12 +186,10 @@ def tried(
     found: Identification,
     plant: PlantParameters,
     need: Requirement,
-    K: float,
-    d_bar: float,
+    gains: ControllerParameters,
     duration: float,
 ) -> Design:
     """Return the design with these gains, from its simulated responses."""
-    gains = gains_of(found, plant, need, K, d_bar)
     sensor = plant.sensor
     band = max(
         gains.position_deadband + 0.5 * sensor.resolution,
@@ -180,13 +206,15 @@ def tried(
         [
             (low, low, plant.m),
             (high, high, plant.m),
-            (low, high, plant.m),
+            *((low, high, plant.m) for _ in SEEDS),
             (high, high, lightest),
             (high, high, heaviest),
         ]
     ).T
+    seeds = np.array([1, 1, *SEEDS, 1, 1])
     axis = replace(plant, x_0=need.travel, damping=Damping(kind='noise', lower=low, upper=high))
-    varied = dict(zip(('damping.lower', 'damping.upper', 'm'), rows, strict=True))
+    names = 'damping.lower', 'damping.upper', 'plant_simulator.m'
+    varied = dict(zip(names, rows, strict=True)) | {'damping.seed': seeds, 'sensor.seed': seeds}
     steps = max(ticks(duration, plant.time_step), 100)
     seen = simulate_batch(axis, gains, steps * plant.time_step, varied, (band,))
     settled = np.where(seen['diverged'], np.nan, seen['settling_time'][:, 0])
@@ -195,7 +223,7 @@ def tried(
         band=band,
         settling_time=math.inf if np.isnan(settled).any() else float(settled.max()),
         peak_effort=float(seen['peak_effort'].max()),
-        impulses=int(seen['impulses'].max()),
+        impulses=int(np.sum([seen[name] for name in COUNTS], axis=0).max()),
     )
 
 
@@ -228,7 +256,8 @@ def gains_of(
     )
     quiet = quiet_error(gains, plant.F_c, plant.m) if plant.F_c else 0.0
     sensed = 1.5 * sensor.resolution + 4.0 * sensor.position_noise
-    return replace(gains, position_deadband=max(rounded(ROOM * max(quiet, sensed)), 1e-6))
+    least = max(ROOM * max(quiet, sensed), 0.5 * SMALL * need.travel)
+    return replace(gains, position_deadband=rounded(least))
 
 
 def ratio_for(found: Identification) -> float:
