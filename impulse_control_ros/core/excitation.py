@@ -16,13 +16,15 @@ import math
 from impulse_control_ros.errors import ExcitationError
 
 SPEEDS = (0.3, 0.6, 0.9)  # of the ramps, as shares of the limit
-HEADROOM = 0.8  # share of the limit that a peak is to reach
+HEADROOM = 0.7  # share of the limit that a peak is to reach
 MARGIN = 0.1  # share of the travel at each end that set-points stay away from
 WINDOW = 0.02  # s over which the speed is a mean
 STANDS = 0.02  # share of the limit of speed, below which the axis counts as standing
 CALM = 0.1  # s that the axis stands before the next move
 PATIENCE = 1.0  # s after which the next move begins anyway
+GAP = 0.02  # s that a ramp goes on by at most between two states, however late one is
 RAMP = 1.0  # s that a ramp moves the axis at most
+GROWS = 1.5  # times the step before, at most
 TRIALS = 12  # steps that search for the largest one
 STEPS = (1.0, 0.9, 0.6, 1.0, 0.8, 1.0, 0.7, 1.0)  # shares of it
 
@@ -70,7 +72,7 @@ class Excitation:
         self.speeds: list[float] = []
         self._limits, self._K, self._D, self._home = limits, K, D, x_r
         self._recent: deque[tuple[float, float]] = deque()
-        self._time = self._position = self._speed = self._peak = 0.0
+        self._time = self._elapsed = self._position = self._speed = self._peak = 0.0
         self._lowest, self._highest = math.inf, -math.inf
         # what the set-point leads by when the axis moves slowly down and up
         self._leads = {-1.0: 0.0, 1.0: 0.0}
@@ -101,6 +103,7 @@ class Excitation:
         while len(recent) > 2 and time - recent[1][0] >= WINDOW:
             recent.popleft()
         span = time - recent[0][0]
+        self._elapsed = min(time - self._time, GAP) if len(recent) > 1 else 0.0
         self._time, self._position = time, position
         self._speed = (position - recent[0][1]) / span if span >= 0.5 * WINDOW else 0.0
         self._peak = max(self._peak, abs(self._speed))
@@ -129,10 +132,10 @@ class Excitation:
     def _ramp(self, end: float, speed: float, longest: float) -> Iterator[float]:
         """Ramp to ``end`` until the axis has moved for ``longest`` seconds, then let it rest."""
         self._begin()
-        start, began, moving = self.set_point, self._time, math.inf
+        start, way, moving = self.set_point, 0.0, math.inf
         side = math.copysign(1.0, end - start)
         while self._time - moving < longest:
-            way = speed * (self._time - began)
+            way += speed * self._elapsed
             if way >= abs(end - start):
                 yield end
                 break
@@ -188,7 +191,7 @@ class Excitation:
             yield from self._step(balance, hold, excess)
             if self._peak > 0.8 * goal:
                 break
-            excess *= min(max(goal / self._peak, 1.0), 2.0) if self._peak else 2.0
+            excess *= min(max(goal / self._peak, 1.0), GROWS) if self._peak else GROWS
         for share in STEPS:
             yield from self._step(balance, hold, share * excess)
 

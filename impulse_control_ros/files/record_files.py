@@ -1,8 +1,8 @@
 """
 Read records of an axis for identification, from bags and from tables in CSV or Parquet files.
 
-The effort of a record acts from each sample to the next. A command does so; the effort that a
-state or a row tells may have acted up to it instead (``effort_held``).
+The effort of joint_states acted up to the state, as that of our plant does, and is moved to the
+sample before, unless the user says how it acts.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,6 @@ from impulse_control_ros.files.recording import read_bag, Recording
 TABLES = ('.csv', '.parquet')
 COLUMNS = {name: name for name in ('time', 'position', 'effort', 'velocity')}
 NEEDED = ('time', 'position', 'effort')
-HELD = ('after', 'before')
 PLENTY = 0.5  # share of the states that commands must reach to be taken for the effort
 
 
@@ -31,14 +30,14 @@ class Reading:
     What to read from a file.
 
     ``columns`` maps time, position, effort and perhaps velocity to columns of a table, None for
-    the columns of these names; ``selection`` has the arguments of `read_bag`. ``effort_held`` is
-    'after' or 'before', None for what is usual: before for states of a bag, else after. Only
-    samples from ``begin`` to ``end`` [s], counted from the first one, are taken.
+    the columns of these names; ``selection`` has the arguments of `read_bag`. ``as_is`` leaves the
+    effort of joint_states at its sample. Only samples from ``begin`` to ``end`` [s], counted from
+    the first one, are taken.
     """
 
     columns: Mapping[str, str] | None = None
     selection: Mapping[str, Any] = field(default_factory=dict)
-    effort_held: str | None = None
+    as_is: bool = False
     begin: float = 0.0
     end: float = math.inf
 
@@ -52,14 +51,8 @@ def read_record(path: Path, reading: Reading) -> tuple[Record, list[str]]:
     """
     if path.suffix in TABLES:
         columns, notes = columns_of_table(path, reading.columns)
-        held = reading.effort_held or 'after'
     else:
-        recording = read_bag(path, **reading.selection)
-        columns, notes, usual = columns_of_bag(recording)
-        held = reading.effort_held or usual
-    if held == 'before':
-        effort = columns['effort']
-        columns['effort'] = np.append(effort[1:], effort[-1:])
+        columns, notes = columns_of_bag(read_bag(path, **reading.selection), reading.as_is)
     # the ends of a record may lack an effort
     whole = np.isfinite(columns['position']) & np.isfinite(columns['effort'])
     time = columns['time'] - columns['time'][:1]
@@ -80,17 +73,19 @@ def read_record(path: Path, reading: Reading) -> tuple[Record, list[str]]:
 # -- bags -----------------------------------------------------------------------------------
 
 
-def columns_of_bag(recording: Recording) -> tuple[dict[str, np.ndarray], list[str], str]:
-    """Return the columns of a recording, sentences about it, and when its effort acts."""
+def columns_of_bag(recording: Recording, as_is: bool) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the columns of a recording, and sentences about it."""
     states = recording.states
     if not len(states):
         raise BagError('the bag has no states of the joint')
     notes = list(recording.lacks)
     if recording.unread is not None:
         notes.append(f'the bag was cut off: {recording.unread} bytes at its end cannot be read')
-    effort, held = commanded(recording), 'after'
+    effort = commanded(recording)
     if np.count_nonzero(np.isfinite(effort)) < PLENTY * len(states):
-        effort, held = states['effort'], 'before'
+        effort = states['effort']
+        if not as_is:
+            effort = np.append(effort[1:], effort[-1:])
         notes.append(
             'the effort is that of joint_states, for the bag has no commands; a driver may give '
             'a current or an uncalibrated value there: see --effort-scale'
@@ -102,7 +97,7 @@ def columns_of_bag(recording: Recording) -> tuple[dict[str, np.ndarray], list[st
     }
     if np.isfinite(states['velocity']).all():
         columns['velocity'] = states['velocity']
-    return columns, notes, held
+    return columns, notes
 
 
 def commanded(recording: Recording) -> np.ndarray:

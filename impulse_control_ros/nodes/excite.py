@@ -18,6 +18,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -32,8 +33,11 @@ from impulse_control_ros.files.topics import JOINT_STATES, SETPOINT
 from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import LOCKSTEP_QOS, SLOW_QOS
+from impulse_control_ros.nodes.topics import SLOW_QOS
 
+# of the states that wait, the newest alone: a set-point in answer to an old one would come in a
+# burst with others
+NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 PERIOD = SECOND // 100  # ns of the states' time between two set-points
 ASK_AGAIN = 2.0  # s: DDS may lose the response of a service that has just been discovered
 WAITS = 0.01  # s between two looks at a pending response
@@ -93,7 +97,7 @@ class Excite(ParameterNode):
         self._before = dict(zip(ASKED, values, strict=True))
         self._make(None)
         self._reader = JointStateReader(self._before['joint_name'], str, ('position',))
-        self.create_subscription(JointState, JOINT_STATES, self._on_state, LOCKSTEP_QOS, raw=True)
+        self.create_subscription(JointState, JOINT_STATES, self._on_state, NEWEST_QOS, raw=True)
 
     def _turn_off(self) -> None:
         """Turn the impulses off, and then begin to move."""

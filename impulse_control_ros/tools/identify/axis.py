@@ -11,6 +11,9 @@ from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.experiment import PlantParameters
 
 DIGITS = 4  # of an identified value
+SAME = 1e-6  # relative error of what is the same
+VARIES = 1.5  # errors of a block that the blocks of d(t) spread by if it varies
+NOTABLY = 0.02  # of d, that they then spread by at least
 LEAST = 1e-3  # of d_bar: the least damping of a simulated axis is above 0
 
 
@@ -35,9 +38,9 @@ def plant_of(found: Identification, records: list[Record], effort_limit: float) 
         damping=damping_of(found),
         sensor=Sensor(
             resolution=rounded(found.encoder_step),
-            position_noise=rounded(found.position_noise),
+            position_noise=notable(found.position_noise, records, 'position'),
             velocity=velocity_of(records),
-            velocity_noise=rounded(found.velocity_noise) if has_velocity(records) else 0.0,
+            velocity_noise=notable(found.velocity_noise, records, 'velocity'),
         ),
         actuator=Actuator(limit=effort_limit, delay=delay_of(found, time_step)),
         disturbance=Disturbance(force=0.0 - certain(found, 'offset')),
@@ -69,12 +72,20 @@ def damping_of(found: Identification) -> Damping:
     blocks, (low, _) = found.d_blocks, found.d_range
     high = rounded(found.d_bar)
     low = min(max(rounded(low), LEAST * high), high)
-    spread = float(np.std(blocks.d)) if len(blocks.d) > 1 else 0.0
-    if spread > 1.5 * float(np.sqrt(np.mean(blocks.standard_error**2))):
+    error = float(np.sqrt(np.mean(blocks.standard_error**2)))
+    if float(np.std(blocks.d)) > max(VARIES * error, NOTABLY * float(np.mean(blocks.d))):
         return Damping(kind='noise', lower=low, upper=high, value=low)
     d = found.parameters['d']
     value = d.value if d.is_identified else float(np.mean(blocks.d))
     return Damping(value=max(rounded(value), low), lower=low, upper=high)
+
+
+def notable(noise: float, records: list[Record], signal: str) -> float:
+    """Return the noise of a signal, or 0 where it is below the signal's precision, or nan."""
+    values = [getattr(record, signal) for record in records]
+    if not noise > 0.0 or any(value is None for value in values):
+        return 0.0
+    return rounded(noise) if noise > SAME * max(map(np.ptp, values)) else 0.0
 
 
 def has_velocity(records: list[Record]) -> bool:
@@ -95,4 +106,4 @@ def is_difference(record: Record) -> bool:
     steps = np.diff(record.time)
     difference = np.diff(record.position) / np.where(steps > 0.0, steps, math.inf)
     error = float(np.sqrt(np.mean((record.velocity[1:] - difference) ** 2)))
-    return error <= 0.01 * float(np.sqrt(np.mean(difference**2)))
+    return error <= SAME * float(np.sqrt(np.mean(difference**2)))

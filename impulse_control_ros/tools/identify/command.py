@@ -75,9 +75,14 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--effort-held',
-        choices=('after', 'before'),
-        help='whether an effort acts after its time or before it (default: before for the '
-        'effort of joint_states, else after)',
+        choices=('after', 'before', 'sampled'),
+        help='whether an effort acts over the sample after its time, over that before it, or is '
+        'a sample of a signal in between (default: what the motion shows)',
+    )
+    group.add_argument(
+        '--no-offset',
+        action='store_true',
+        help='the axis has no constant force, such as gravity: one direction then gives F_c',
     )
     for name, what in (('from', 'begin'), ('to', 'end')):
         group.add_argument(
@@ -165,7 +170,12 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
     show = FORMATS[options.format]
     records = records_of(options)
-    found = identify(records, effort_scale=options.effort_scale)
+    found = identify(
+        records,
+        effort_scale=options.effort_scale,
+        effort_held=options.effort_held,
+        has_offset=not options.no_offset,
+    )
     for text in found.warnings:
         warn(NAME, text)
     if not found.is_identified or not options.write:
@@ -196,7 +206,7 @@ def records_of(options: argparse.Namespace) -> list[Record]:
     reading = Reading(
         columns=options.columns,
         selection=selection(options),
-        effort_held=options.effort_held,
+        as_is=options.effort_held is not None,
         begin=options.begin,
         end=options.end,
     )

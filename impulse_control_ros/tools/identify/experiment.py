@@ -86,4 +86,4 @@ def as_yaml(value: Any) -> str:
         text = f'{value:.10g}'
         mantissa, exponent, power = text.partition('e')
         return (mantissa if '.' in mantissa else f'{mantissa}.0') + exponent + power
-    return json.dumps(value)
+    return value if isinstance(value, str) else json.dumps(value)
