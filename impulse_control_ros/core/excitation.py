@@ -22,7 +22,7 @@ WINDOW = 0.02  # s over which the speed is a mean
 STANDS = 0.02  # share of the limit of speed, below which the axis counts as standing
 CALM = 0.1  # s that the axis stands before the next move
 PATIENCE = 1.0  # s after which the next move begins anyway
-GAP = 0.02  # s that a ramp goes on by at most between two states, however late one is
+GAP = 0.05  # s that a ramp goes on by at most from one set-point to the next, however late it is
 RAMP = 1.0  # s that a ramp moves the axis at most
 GROWS = 1.5  # times the step before, at most
 TRIALS = 12  # steps that search for the largest one
@@ -72,7 +72,8 @@ class Excitation:
         self.speeds: list[float] = []
         self._limits, self._K, self._D, self._home = limits, K, D, x_r
         self._recent: deque[tuple[float, float]] = deque()
-        self._time = self._elapsed = self._position = self._speed = self._peak = 0.0
+        self._time = self._asked = self._elapsed = 0.0
+        self._position = self._speed = self._peak = 0.0
         self._lowest, self._highest = math.inf, -math.inf
         # what the set-point leads by when the axis moves slowly down and up
         self._leads = {-1.0: 0.0, 1.0: 0.0}
@@ -84,14 +85,19 @@ class Excitation:
             self._slow_ramp(x_r),
         )
 
-    def answer(self, time: float, position: float) -> float | None:
-        """
-        Return the set-point [m] at a state of ``time`` [s], or None once the motion is over.
-
-        Raises `ExcitationError` for a state beyond the limits, and if the axis does not move.
-        """
+    def watch(self, time: float, position: float) -> None:
+        """Take a state of ``time`` [s]; raises `ExcitationError` if it is beyond the limits."""
         self._measure(time, position)
         self._require_within_limits()
+
+    def next_set_point(self) -> float | None:
+        """
+        Return the next set-point [m], or None once the motion is over.
+
+        The loop has taken the one before. Raises `ExcitationError` if the axis does not move.
+        """
+        self._elapsed = min(self._time - self._asked, GAP)
+        self._asked = self._time
         point = next(self._moves, None)
         if point is not None:
             self.set_point = point
@@ -103,7 +109,6 @@ class Excitation:
         while len(recent) > 2 and time - recent[1][0] >= WINDOW:
             recent.popleft()
         span = time - recent[0][0]
-        self._elapsed = min(time - self._time, GAP) if len(recent) > 1 else 0.0
         self._time, self._position = time, position
         self._speed = (position - recent[0][1]) / span if span >= 0.5 * WINDOW else 0.0
         self._peak = max(self._peak, abs(self._speed))

@@ -2,7 +2,8 @@
 ``excite``: moves an axis for identification, by set-points alone.
 
 It turns the impulses of the controller off, publishes the set-points of core/excitation.py on
-``setpoint`` in answer to joint_states, and at the end sets ``x_r`` and ``impulses`` as they were.
+``setpoint`` in answer to joint_states, each when the controller has told on run_parameters that it
+has taken the one before, and at the end sets ``x_r`` and ``impulses`` as they were.
 When a limit is passed, states stay away or the user interrupts, it stops: the set-point is then
 where the axis is, the impulses stay off, and the exit status is 1.
 """
@@ -15,6 +16,7 @@ import math
 from time import monotonic
 from typing import Any
 
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -26,19 +28,21 @@ from std_msgs.msg import Float64
 from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.excitation import Excitation, Limits
 from impulse_control_ros.core.parameter import parameter, Parameters
+from impulse_control_ros.core.protocol import name_of, parse_node
 from impulse_control_ros.core.tick import SECOND, to_ns
 from impulse_control_ros.errors import ExcitationError, UnreadableError, UsageError
 from impulse_control_ros.files.experiment import cpu_core_parameter
-from impulse_control_ros.files.topics import JOINT_STATES, SETPOINT
+from impulse_control_ros.files.topics import JOINT_STATES, RUN_PARAMETERS, SETPOINT
 from impulse_control_ros.nodes.joint_state_io import JointStateReader
+from impulse_control_ros.nodes.known_plants import decoded
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
-from impulse_control_ros.nodes.topics import SLOW_QOS
+from impulse_control_ros.nodes.topics import LATCHED_QOS, SLOW_QOS
 
 # of the states that wait, the newest alone: a set-point in answer to an old one would come in a
 # burst with others
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-PERIOD = SECOND // 100  # ns of the states' time between two set-points
+PERIOD = SECOND // 50  # ns of the states' time between two set-points
 ASK_AGAIN = 2.0  # s: DDS may lose the response of a service that has just been discovered
 WAITS = 0.01  # s between two looks at a pending response
 ASKED = ('K', 'D', 'x_r', 'impulses', 'joint_name')
@@ -67,6 +71,10 @@ class Excite(ParameterNode):
         super().__init__('excite', ExciteParameters)
         self._limits = limits_of(options)
         self._controller = options.controller
+        namespace = self.get_namespace().rstrip('/')
+        self._full_name = f'/{options.controller}'.replace('//', '/')
+        if not options.controller.startswith('/'):
+            self._full_name = f'{namespace}{self._full_name}'
         self._client = AsyncParameterClient(self, options.controller)
         self._set_point = self.create_publisher(Float64, SETPOINT, SLOW_QOS)
         self._before: dict[str, Any] = {}
@@ -74,8 +82,8 @@ class Excite(ParameterNode):
         self._moves = False
         self._position = math.nan
         self._first = self._last = self._told_at = 0
-        self._told = math.nan
-        self._heard = monotonic()
+        self._told, self._taken = math.nan, True
+        self._heard = self._published = monotonic()
         self._response: Future | None = None
         self._make(self._ask)
         self.get_logger().info(f'waiting for {self._controller} and joint_states')
@@ -98,6 +106,9 @@ class Excite(ParameterNode):
         self._make(None)
         self._reader = JointStateReader(self._before['joint_name'], str, ('position',))
         self.create_subscription(JointState, JOINT_STATES, self._on_state, NEWEST_QOS, raw=True)
+        self.create_subscription(
+            ParameterEvent, RUN_PARAMETERS, self._on_parameters, LATCHED_QOS, raw=True
+        )
 
     def _turn_off(self) -> None:
         """Turn the impulses off, and then begin to move."""
@@ -168,18 +179,28 @@ class Excite(ParameterNode):
         self._last = stamp
         if self._motion is None:
             K, D, x_r, *_ = self._before.values()
-            self._motion = Excitation(self._limits, K, D, x_r, position)
+            self._motion, self._told = Excitation(self._limits, K, D, x_r, position), x_r
             self._make(self._turn_off)
         if not self._moves:
             return
         self._first = self._first or stamp
-        point = self._motion.answer((stamp - self._first) / SECOND, position)
+        self._motion.watch((stamp - self._first) / SECOND, position)
+        if not self._taken or stamp < self._told_at + PERIOD:
+            return
+        point = self._motion.next_set_point()
+        self._told_at = stamp
         if point is None:
             self._moves = False
             self._make(self._restore)
-        elif point != self._told and stamp >= self._told_at + PERIOD:
-            self._told, self._told_at = point, stamp
+        elif point != self._told:
+            self._told, self._taken, self._published = point, False, monotonic()
             self._set_point.publish(Float64(data=point))
+
+    def _on_parameters(self, raw: bytes) -> None:
+        """Note that the controller has taken the set-point."""
+        *_, node, _, changed = decoded(raw)
+        if name_of(parse_node(node)[1]) == self._full_name:
+            self._taken = self._taken or changed.get('x_r') == self._told
 
     # -- the end ----------------------------------------------------------------------------
 
@@ -208,6 +229,8 @@ class Excite(ParameterNode):
                     raise ExcitationError(f'no answer of {self._controller} for {patience:g} s')
             elif now > self._heard + limit:
                 raise ExcitationError(f'no state on joint_states for {limit:g} s')
+            elif self._moves and not self._taken and now > self._published + limit:
+                raise ExcitationError(f'{self._controller} takes no set-point for {limit:g} s')
         except ExcitationError as error:
             self._stop(error)
         return IDLE if self._request is None else WAITS
