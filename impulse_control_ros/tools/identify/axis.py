@@ -77,7 +77,7 @@ def damping_of(found: Identification) -> Damping:
         return Damping(kind='noise', lower=low, upper=high, value=low)
     d = found.parameters['d']
     value = d.value if d.is_identified else float(np.mean(blocks.d))
-    return Damping(value=max(rounded(value), low), lower=low, upper=high)
+    return Damping(value=max(rounded(value), low))
 
 
 def notable(noise: float, records: list[Record], signal: str) -> float:

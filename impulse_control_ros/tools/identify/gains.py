@@ -1,9 +1,10 @@
 """
 Gains from a requirement: settle in time, or be stiff, with the least effort.
 
-The candidates have a bound d_bar at or above the identified one and critical damping,
-D = 2 sqrt(m K) - d_bar. Each is simulated on the identified axis: at the least and the largest
-damping, with a damping that varies between them, and at both ends of the interval of the mass.
+The candidates are the gains that promise the settling time (core/promise.py), and others with a
+bound d_bar above the identified one and critical damping, D = 2 sqrt(m K) - d_bar. Each is
+simulated on the identified axis: at the least and the largest damping, with a damping that varies
+between them, and at both ends of the interval of the mass.
 """
 
 from collections.abc import Iterator
@@ -17,9 +18,10 @@ from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.design import first_zero_time, quiet_error
 from impulse_control_ros.core.identification import Identification
 from impulse_control_ros.core.metrics import COUNTS
+from impulse_control_ros.core.promise import gains_for, Promise, promise_of
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import ticks
-from impulse_control_ros.errors import UsageError
+from impulse_control_ros.errors import ParameterError, UsageError
 from impulse_control_ros.files.experiment import ControllerParameters, PlantParameters
 from impulse_control_ros.tools.identify.axis import rounded
 
@@ -32,6 +34,8 @@ FASTER = 10.0 / (2.0 * math.pi)  # corner of the velocity estimate [Hz] over sqr
 INTEGRAL = 0.1  # of the largest stable K_i
 ROOM = 1.05  # dead bands over what check_gains asks for
 ABOVE = 1.15  # d_bar of the controller over that of the records, which bounds these alone
+LEAST = 1e-3  # of d_bar: the damping is above 0 (1)
+NEARLY = 0.95  # of the settling time, that the ideal loop is to take
 RATIO = 0.6  # of alpha, unless the interval of the mass asks for another one
 CANDIDATES = 8
 STRONGER = 2.0  # from one stiffness to the next
@@ -70,6 +74,7 @@ class Design:
     settling_time: float
     peak_effort: float
     impulses: int
+    promise: Promise
     impulses_at_rest: float = math.nan
 
 
@@ -80,7 +85,7 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
     Raises `UsageError` if none does, with the nearest that can be met.
     """
     require_force(plant, need)
-    bounds = np.geomspace(ABOVE, ABOVE * WIDEST, CANDIDATES) * found.d_bar
+    bounds = np.geomspace(1.02 * ABOVE, ABOVE * WIDEST, CANDIDATES) * found.d_bar
     if need.stiffness is not None:
         designs = [*stiff_designs(found, plant, need, need.stiffness, bounds)]
         fastest = min(design.settling_time for design in designs)
@@ -94,9 +99,12 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
         return first_at_rest(good, plant, need)
     assert need.settling_time is not None
     designs = [
-        design
-        for d_bar in bounds
-        for design in quick_enough(found, plant, need, rounded(d_bar), need.settling_time)
+        *promised(found, plant, need, need.settling_time),
+        *(
+            design
+            for d_bar in bounds
+            for design in quick_enough(found, plant, need, rounded(d_bar), need.settling_time)
+        ),
     ]
     good = [one for one in designs if one.settling_time <= need.settling_time]
     if good:
@@ -163,6 +171,26 @@ def stiff_designs(
             yield tried(found, plant, need, gains, longest)
 
 
+def promised(
+    found: Identification, plant: PlantParameters, need: Requirement, settling_time: float
+) -> Iterator[Design]:
+    """Yield the design that promises the time with the least effort, if there is one."""
+    low, high = damping_range(found)
+    known = gains_of(found, plant, need, 1.0, high)
+    try:
+        ideal = gains_for(NEARLY * settling_time, (low, high), need.travel, known)
+    except ParameterError:
+        return
+    gains = gains_of(found, plant, need, rounded(ideal.K), rounded(ideal.d_bar))
+    yield tried(found, plant, need, gains, PATIENCE * settling_time)
+
+
+def damping_range(found: Identification, wider: float = ABOVE) -> tuple[float, float]:
+    """Return the range [N s/m] of the recorded damping, made so much wider at each end."""
+    high = wider * found.d_bar
+    return min(max(found.d_range[0] / wider, LEAST * high), high), high
+
+
 def quick_enough(
     found: Identification,
     plant: PlantParameters,
@@ -196,11 +224,7 @@ def tried(
         2.0 * sensor.resolution + 4.0 * sensor.position_noise,
         SMALL * need.travel,
     )
-    low, high = (
-        (plant.damping.value,) * 2
-        if plant.damping.kind == 'constant'
-        else (plant.damping.lower, plant.damping.upper)
-    )
+    low, high = damping_range(found, 1.0)
     lightest, heaviest = found.parameters['m'].interval
     rows = np.array(
         [
@@ -224,6 +248,7 @@ def tried(
         settling_time=math.inf if np.isnan(settled).any() else float(settled.max()),
         peak_effort=float(seen['peak_effort'].max()),
         impulses=int(np.sum([seen[name] for name in COUNTS], axis=0).max()),
+        promise=promise_of(gains, damping_range(found), need.travel, plant.F_c),
     )
 
 

@@ -89,7 +89,7 @@ def facts_of(found: Identification) -> Iterator[str]:
 
 def facts_of_design(design: Design) -> Iterator[str]:
     """Yield the lines of a design."""
-    gains = design.gains
+    gains, promise = design.gains, design.promise
     yield (
         f'K = {gains.K:.5g} N/m, D = {gains.D:.5g} N s/m, d_bar = {gains.d_bar:.5g} N s/m, '
         f'alpha_ratio = {gains.alpha_ratio:g}'
@@ -97,8 +97,15 @@ def facts_of_design(design: Design) -> Iterator[str]:
     yield (
         f'predicted: within {design.band:.3g} m of the set-point after at most '
         f'{design.settling_time:.3g} s, peak effort {design.peak_effort:.4g} N, '
-        f'{design.impulses} impulses'
+        f'{design.impulses} impulses, {design.impulses_at_rest:.3g} impulses/s at rest'
     )
+    (low, high), (first, last) = promise.damping_range, promise.first_zero_sampled
+    kind = 'guaranteed' if promise.is_guaranteed else 'predicted'
+    yield (
+        f'{kind} for any d(t) from {low:.4g} to {high:.4g} N s/m: first zero of the error between '
+        f'{first:.3g} and {last:.3g} s'
+    )
+    yield from (f'  {reason}' for reason in promise.predicted)
 
 
 def as_json(found: Identification, design: Design | None) -> str:
