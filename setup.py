@@ -23,7 +23,7 @@ setup(
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'tools/analyze/page/*']},
+    package_data={PACKAGE: ['py.typed', 'tools/*/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

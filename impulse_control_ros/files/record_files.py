@@ -31,13 +31,14 @@ class Reading:
 
     ``columns`` maps time, position, effort and perhaps velocity to columns of a table, None for
     the columns of these names; ``selection`` has the arguments of `read_bag`. ``as_is`` leaves the
-    effort of joint_states at its sample. Only samples from ``begin`` to ``end`` [s], counted from
+    effort of joint_states at its sample; ``effort_scale`` multiplies the effort. Only samples from ``begin`` to ``end`` [s], counted from
     the first one, are taken.
     """
 
     columns: Mapping[str, str] | None = None
     selection: Mapping[str, Any] = field(default_factory=dict)
     as_is: bool = False
+    effort_scale: float = 1.0
     begin: float = 0.0
     end: float = math.inf
 
@@ -53,6 +54,7 @@ def read_record(path: Path, reading: Reading) -> tuple[Record, list[str]]:
         columns, notes = columns_of_table(path, reading.columns)
     else:
         columns, notes = columns_of_bag(read_bag(path, **reading.selection), reading.as_is)
+    columns['effort'] = reading.effort_scale * columns['effort']
     # the ends of a record may lack an effort
     whole = np.isfinite(columns['position']) & np.isfinite(columns['effort'])
     time = columns['time'] - columns['time'][:1]

@@ -7,7 +7,8 @@ What takes time to import is imported on use, so that --help answers at once.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 import math
 from pathlib import Path
 import sys
@@ -16,9 +17,10 @@ from typing import TYPE_CHECKING
 from impulse_control_ros.command_line import add_selection, Parser, selection, StopRequest, warn
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.atomic_write import replaced
+from impulse_control_ros.tools.analyze.command import require_writable
 
 if TYPE_CHECKING:
-    from impulse_control_ros.core.identification import Record
+    from impulse_control_ros.core.identification import Identification, Record
     from impulse_control_ros.tools.identify.gains import Requirement
 
 NAME = 'identify'
@@ -48,6 +50,12 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         choices=('text', 'json'),
         default='text',
         help='of the result on stdout (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--report',
+        metavar='FILE.html',
+        type=Path,
+        help='write one page with plots, which opens offline',
     )
     add_reading(parser)
     add_requirement(parser)
@@ -149,6 +157,7 @@ def require_options(options: argparse.Namespace) -> None:
     for name, value in values.items():
         if value is not None and not 0.0 < value < math.inf:
             raise UsageError(f'--{name} {value:g}: must be > 0 and finite')
+    require_writable('report', options.report, ('.html',), 'plotly')
     path = options.write
     if path is None:
         if given := [name for name, value in values.items() if value is not None]:
@@ -156,10 +165,7 @@ def require_options(options: argparse.Namespace) -> None:
         return
     if options.travel is None or (options.settling_time is None and options.stiffness is None):
         raise UsageError('--write: needs --travel, and --settling-time or --stiffness')
-    if path.suffix not in ('.yaml', '.yml'):
-        raise UsageError(f'--write {path}: must end in .yaml')
-    if path.is_dir() or not path.parent.is_dir():
-        raise UsageError(f'--write {path}: must be a file in a folder that exists')
+    require_writable('write', path, ('.yaml', '.yml'), 'yaml')
 
 
 def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
@@ -170,14 +176,12 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
 
     show = FORMATS[options.format]
     records = records_of(options)
-    found = identify(
-        records,
-        effort_scale=options.effort_scale,
-        effort_held=options.effort_held,
-        has_offset=not options.no_offset,
-    )
+    fit = partial(identify, effort_held=options.effort_held, has_offset=not options.no_offset)
+    found = fit(records)
     for text in found.warnings:
         warn(NAME, text)
+    if options.report:
+        write_report(options.report, found, records, fit)
     if not found.is_identified or not options.write:
         print(show(found, None), flush=True)
         for text in () if found.is_identified else found.advice:
@@ -199,6 +203,22 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def write_report(
+    path: Path,
+    found: Identification,
+    records: list[Record],
+    fit: Callable[[Sequence[Record]], Identification],
+) -> None:
+    """Write the page."""
+    from impulse_control_ros.tools.identify.report import report
+    from impulse_control_ros.tools.identify.validation import validated
+
+    content = report(found, records, validated(records, found, fit))
+    with replaced(path) as made:
+        made.write_text(content, encoding='utf-8')
+    print(f'{NAME}: wrote {path}', file=sys.stderr)
+
+
 def records_of(options: argparse.Namespace) -> list[Record]:
     """Read the records, and print what is to be known of them."""
     from impulse_control_ros.files.record_files import read_record, Reading
@@ -207,6 +227,7 @@ def records_of(options: argparse.Namespace) -> list[Record]:
         columns=options.columns,
         selection=selection(options),
         as_is=options.effort_held is not None,
+        effort_scale=options.effort_scale,
         begin=options.begin,
         end=options.end,
     )

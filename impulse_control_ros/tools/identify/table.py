@@ -17,10 +17,7 @@ HEADS = ('parameter', 'value', 'unit', '95 % interval', 'share', 'verdict')
 
 def as_text(found: Identification, design: Design | None) -> str:
     """Return a table of the parameters, then d(t), what the records show, and the ``design``."""
-    rows = [HEADS, *(row_of(one) for one in found.parameters.values())]
-    directions = [one for name, one in found.asymmetric.items() if name != 'm']
-    if is_asymmetric(found):
-        rows += [row_of(one) for one in directions]
+    rows = [HEADS, *rows_of(found)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         '  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -30,6 +27,13 @@ def as_text(found: Identification, design: Design | None) -> str:
     if design:
         lines += ['', *facts_of_design(design)]
     return '\n'.join(lines)
+
+
+def rows_of(found: Identification) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the parameters, with those by direction if these differ."""
+    yield from map(row_of, found.parameters.values())
+    if is_asymmetric(found):
+        yield from (row_of(one) for name, one in found.asymmetric.items() if name != 'm')
 
 
 def is_asymmetric(found: Identification) -> bool:
