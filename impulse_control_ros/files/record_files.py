@@ -30,9 +30,9 @@ class Reading:
     What to read from a file.
 
     ``columns`` maps time, position, effort and perhaps velocity to columns of a table, None for
-    the columns of these names; ``selection`` has the arguments of `read_bag`. ``as_is`` leaves the
-    effort of joint_states at its sample; ``effort_scale`` multiplies the effort. Only samples from ``begin`` to ``end`` [s], counted from
-    the first one, are taken.
+    the columns of these names; ``selection`` has the arguments of `read_bag`. ``effort_scale``
+    multiplies the effort, and ``as_is`` leaves that of joint_states at its sample. Only samples
+    from ``begin`` to ``end`` [s], counted from the first one, are taken.
     """
 
     columns: Mapping[str, str] | None = None

@@ -28,6 +28,7 @@ def report(found: Identification, records: list[Record], validation: Validation)
         'records': [Path(record.name).name for record in records],
         'validation': {
             'name': Path(validation.name).name,
+            'start': float(validation.time[0]),
             'seen': validation.seen,
             'segment': SEGMENT,
             'rms': float(np.sqrt(np.mean(validation.error**2))),
@@ -60,7 +61,7 @@ def lines_of(found: Identification) -> list[tuple[float, float, float]]:
 
 def arrays_of(found: Identification, validation: Validation) -> Iterator[tuple[str, np.ndarray]]:
     """Yield what the page draws, by name, in SI units."""
-    yield 'time', validation.time
+    yield 'time', validation.time - validation.time[0]
     yield 'position', validation.position
     yield 'simulated', validation.simulated
     yield 'error', validation.error

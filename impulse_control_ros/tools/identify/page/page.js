@@ -68,7 +68,8 @@ function drawDamping() {
 function drawSweep() {
   const {window: lengths, values, errors} = facts.sweep;
   const traces = Object.entries(values).map(([name, series], number) => ({
-    x: lengths, y: series.map((value) => (value - series[0]) / errors[name][0]), name,
+    x: lengths, y: series.map((value, k) => (value - series[0])
+      / Math.max(errors[name][0], errors[name][k])), name,
     mode: 'lines+markers', type: 'scatter', line: {color: COLORS[number], width: 1.4}}));
   const layout = titled('window [s]', 'change in standard errors',
                         {showlegend: true, legend: {orientation: 'h', x: 0, y: 1.1}});
@@ -82,6 +83,7 @@ async function main() {
                       'block_d', 'block_error']) {
     arrays[name] = await unpacked(name, Float32Array);
   }
+  arrays.time = Float64Array.from(arrays.time, (time) => time + facts.validation.start);
   arrays.block_record = await unpacked('block_record', Uint32Array);
   fillTable('figures', facts.table);
   const list = document.getElementById('facts-list');
