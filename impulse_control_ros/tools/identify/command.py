@@ -196,7 +196,7 @@ def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
         raise
     for finding in experiment.findings:
         warn(NAME, finding.text)
-    print(show(found, experiment.design), flush=True)
+    print(show(found, experiment), flush=True)
     with replaced(options.write) as made:
         made.write_text(text_of(experiment, found, options.records), encoding='utf-8')
     print(f'{NAME}: wrote {options.write}', file=sys.stderr)

@@ -9,10 +9,11 @@ from typing import Any
 from impulse_control_ros.core.design import check_gains, Finding, Level
 from impulse_control_ros.core.identification import Identification, Record
 from impulse_control_ros.core.parameter import declared, Parameters
+from impulse_control_ros.core.promise import Promise, promise_of
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.tools.identify.axis import plant_of, rounded
-from impulse_control_ros.tools.identify.gains import Design, designed, Requirement
+from impulse_control_ros.tools.identify.gains import damping_range, Design, designed, Requirement
 
 ALWAYS = ('m', 'F_c', 'K', 'D', 'd_bar', 'c', 'time_step')
 LASTS = 2.0  # settling times
@@ -21,10 +22,15 @@ LEAST = 0.5  # s that an experiment lasts
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifiedExperiment:
-    """An axis, the design of its controller, and the findings of `check_gains` on both."""
+    """
+    An axis, the design of its controller, and the findings of `check_gains` on both.
+
+    ``promise`` is of the first zero of the error.
+    """
 
     plant: PlantParameters
     design: Design
+    promise: Promise
     findings: list[Finding]
 
 
@@ -40,7 +46,8 @@ def experiment_for(
     for finding in findings:
         if finding.level is Level.ERROR:
             raise UsageError(f'no controller is possible: {finding.text}')
-    return IdentifiedExperiment(plant=plant, design=design, findings=findings)
+    promise = promise_of(design.gains, damping_range(found), need.travel, plant.F_c)
+    return IdentifiedExperiment(plant=plant, design=design, promise=promise, findings=findings)
 
 
 def text_of(

@@ -18,7 +18,7 @@ from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.design import first_zero_time, quiet_error
 from impulse_control_ros.core.identification import Identification
 from impulse_control_ros.core.metrics import COUNTS
-from impulse_control_ros.core.promise import gains_for, Promise, promise_of
+from impulse_control_ros.core.promise import gains_for
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.tick import ticks
 from impulse_control_ros.errors import ParameterError, UsageError
@@ -74,7 +74,6 @@ class Design:
     settling_time: float
     peak_effort: float
     impulses: int
-    promise: Promise
     impulses_at_rest: float = math.nan
 
 
@@ -248,7 +247,6 @@ def tried(
         settling_time=math.inf if np.isnan(settled).any() else float(settled.max()),
         peak_effort=float(seen['peak_effort'].max()),
         impulses=int(np.sum([seen[name] for name in COUNTS], axis=0).max()),
-        promise=promise_of(gains, damping_range(found), need.travel, plant.F_c),
     )
 
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from impulse_control_ros.core.identification import Estimate, Identification
 from impulse_control_ros.files.export import finite
-from impulse_control_ros.tools.identify.gains import Design
+from impulse_control_ros.tools.identify.experiment import IdentifiedExperiment
 
 HEADS = ('parameter', 'value', 'unit', '95 % interval', 'share', 'verdict')
 
 
-def as_text(found: Identification, design: Design | None) -> str:
-    """Return a table of the parameters, then d(t), what the records show, and the ``design``."""
+def as_text(found: Identification, made: IdentifiedExperiment | None) -> str:
+    """Return a table of the parameters, then d(t), and what is ``made`` of the axis."""
     rows = [HEADS, *rows_of(found)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
@@ -24,8 +24,8 @@ def as_text(found: Identification, design: Design | None) -> str:
         for row in rows
     ]
     lines += ['', *facts_of(found)]
-    if design:
-        lines += ['', *facts_of_design(design)]
+    if made:
+        lines += ['', *facts_of_experiment(made)]
     return '\n'.join(lines)
 
 
@@ -91,9 +91,9 @@ def facts_of(found: Identification) -> Iterator[str]:
     yield ', '.join(sensor)
 
 
-def facts_of_design(design: Design) -> Iterator[str]:
-    """Yield the lines of a design."""
-    gains, promise = design.gains, design.promise
+def facts_of_experiment(made: IdentifiedExperiment) -> Iterator[str]:
+    """Yield the lines of an experiment: its gains, and what they will do."""
+    design, gains, promise = made.design, made.design.gains, made.promise
     yield (
         f'K = {gains.K:.5g} N/m, D = {gains.D:.5g} N s/m, d_bar = {gains.d_bar:.5g} N s/m, '
         f'alpha_ratio = {gains.alpha_ratio:g}'
@@ -112,13 +112,13 @@ def facts_of_design(design: Design) -> Iterator[str]:
     yield from (f'  {reason}' for reason in promise.predicted)
 
 
-def as_json(found: Identification, design: Design | None) -> str:
+def as_json(found: Identification, made: IdentifiedExperiment | None) -> str:
     """Return an object; null for what is not known."""
     content = asdict(found) | {'is_identified': found.is_identified}
     for name in ('friction', 'sweep'):  # of the report
         del content[name]
-    if design:
-        content['design'] = asdict(design)
+    if made:
+        content |= {'design': asdict(made.design), 'promise': asdict(made.promise)}
     return json.dumps(finite(listed(content)), indent=2, allow_nan=False)
 
 
@@ -129,7 +129,7 @@ def listed(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-FORMATS: dict[str, Callable[[Identification, Design | None], str]] = {
+FORMATS: dict[str, Callable[[Identification, IdentifiedExperiment | None], str]] = {
     'text': as_text,
     'json': as_json,
 }
