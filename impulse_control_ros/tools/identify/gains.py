@@ -28,7 +28,7 @@ from impulse_control_ros.tools.identify.axis import rounded
 WIDEST = 20.0  # the largest d_bar of a candidate over the least one
 LOSS = 1.2  # of settling time, that less effort may cost
 SPARE = 1.2  # of force, beyond friction and offset
-SLOW = 20.0  # simulated time constants of a loop of given stiffness
+SLOW = 40.0  # simulated time constants of a loop of given stiffness
 STIFFEST = 0.3  # rad a sample, of sqrt(K / m)
 FASTER = 10.0 / (2.0 * math.pi)  # corner of the velocity estimate [Hz] over sqrt(K / m) [rad/s]
 INTEGRAL = 0.1  # of the largest stable K_i
