@@ -8,6 +8,7 @@ from pyarrow import parquet
 import pytest
 
 from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.excitation import Limits
 from impulse_control_ros.core.nonidealities import Sensor
 from impulse_control_ros.core.plant import Plant
@@ -16,7 +17,7 @@ from test.excited import excited
 from test.tools.chromium import NEEDS_CHROMIUM, Page
 
 pytestmark = NEEDS_CHROMIUM
-AXIS = Plant(m=0.5, F_c=0.8, x_0=0.0, sensor=Sensor(resolution=2e-5))
+AXIS = Plant(m=0.5, F_c=0.8, x_0=0.0, damping=Damping(value=2.0), sensor=Sensor(resolution=2e-5))
 
 
 @pytest.fixture(scope='module')

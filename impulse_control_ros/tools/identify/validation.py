@@ -89,13 +89,15 @@ def first_samples(record: Record) -> Record:
 
 
 def simulated(record: Record, found: Identification) -> np.ndarray:
-    """Return the position [m] of the model at the samples of a record, shape (n,)."""
+    """Return the position [m] of the model at the n samples of a record; nan without a mass."""
     values = {
         name: one.value if one.is_identified else 0.0 for name, one in found.parameters.items()
     }
     force = held(record, found) - values['offset']
     steps = np.diff(record.time)
     positions = record.position.copy()
+    if not values['m']:
+        return np.full(len(positions), np.nan)
     begun, x, v = -np.inf, 0.0, 0.0
     for k, step in enumerate(steps):
         if record.time[k] - begun >= SEGMENT:

@@ -94,7 +94,7 @@ async function main() {
   document.getElementById('shown').textContent = `The last third of ${name}, which `
     + (seen ? 'the fit has seen, for the rest alone does not identify the axis' : 'the fit has not seen')
     + `. Simulated with the recorded effort, anew from the recorded state every ${segment} s. `
-    + `Rms of the residual: ${rms.toPrecision(3)} m.`;
+    + (rms === null ? 'No mass was identified.' : `Rms of the residual: ${rms.toPrecision(3)} m.`);
   begin('validation', overTime('position [m]'), drawer('validation', ['position', 'simulated']));
   begin('residual', overTime('residual [m]'), drawer('residual', ['error']));
   drawFriction();
