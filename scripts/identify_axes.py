@@ -83,7 +83,7 @@ def studied(axis: Axis, folder: Path, environment: Mapping[str, str]) -> dict[st
     """Return what is found of an axis, and how its controller does; raises `RuntimeError`."""
     folder.mkdir(parents=True)
     moving = {**axis.moving, 'impulses': False, 'time_step': axis.plant['time_step']}
-    write(folder / 'moving.yaml', plant_simulator={**axis.plant, **PACE}, controller=moving)
+    write(folder / 'moving.yaml', plant_simulator={**PACE, **axis.plant}, controller=moving)
     loop = start('closed_loop', folder, environment, 'moving.yaml', 'recorder:bag:=moved')
     try:
         run('excite', folder, environment, '--travel', -TRAVEL, TRAVEL, '--max-speed', SPEED)
