@@ -9,7 +9,6 @@ where the axis is, the impulses stay off, and the exit status is 1.
 """
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -18,10 +17,8 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -35,6 +32,7 @@ from impulse_control_ros.files.experiment import cpu_core_parameter
 from impulse_control_ros.files.topics import JOINT_STATES, RUN_PARAMETERS, SETPOINT
 from impulse_control_ros.nodes.joint_state_io import JointStateReader
 from impulse_control_ros.nodes.known_plants import decoded
+from impulse_control_ros.nodes.parameter_requests import Requests
 from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LATCHED_QOS, SLOW_QOS
@@ -43,7 +41,6 @@ from impulse_control_ros.nodes.topics import LATCHED_QOS, SLOW_QOS
 # burst with others
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 PERIOD = SECOND // 50  # ns of the states' time between two set-points
-ASK_AGAIN = 2.0  # s: DDS may lose the response of a service that has just been discovered
 WAITS = 0.01  # s between two looks at a pending response
 ASKED = ('K', 'D', 'x_r', 'impulses', 'joint_name')
 DESCRIPTION = """\
@@ -75,57 +72,37 @@ class Excite(ParameterNode):
         self._full_name = f'/{options.controller}'.replace('//', '/')
         if not options.controller.startswith('/'):
             self._full_name = f'{namespace}{self._full_name}'
-        self._client = AsyncParameterClient(self, options.controller)
+        self._requests = Requests(self, options.controller)
         self._set_point = self.create_publisher(Float64, SETPOINT, SLOW_QOS)
         self._before: dict[str, Any] = {}
         self._motion: Excitation | None = None
-        self._moves = False
+        self._moves = self._is_over = False
         self._position = math.nan
         self._first = self._last = self._told_at = 0
         self._told, self._taken = math.nan, True
         self._heard = self._published = monotonic()
-        self._response: Future | None = None
-        self._make(self._ask)
+        self._asked = False
         self.get_logger().info(f'waiting for {self._controller} and joint_states')
 
-    # -- requests to the controller, one after the other ------------------------------------
-
-    def _make(self, request: Callable[[], None] | None) -> None:
-        """Make a ``request`` from now on, until its response is there."""
-        self._request, self._since, self._asked = request, monotonic(), -math.inf
-
-    def _ask(self) -> None:
-        """Ask for the gains, and for what is to be restored."""
-        if self._client.services_are_ready() and self._set_point.get_subscription_count():
-            self._call(self._client.get_parameters, list(ASKED), self._listen)
+    # -- answers of the controller ----------------------------------------------------------
 
     def _listen(self, response: Any) -> None:
         """Listen to the states of the controller's joint."""
         values = map(parameter_value_to_python, response.values)
         self._before = dict(zip(ASKED, values, strict=True))
-        self._make(None)
         self._reader = JointStateReader(self._before['joint_name'], str, ('position',))
         self.create_subscription(JointState, JOINT_STATES, self._on_state, NEWEST_QOS, raw=True)
         self.create_subscription(
             ParameterEvent, RUN_PARAMETERS, self._on_parameters, LATCHED_QOS, raw=True
         )
 
-    def _turn_off(self) -> None:
-        """Turn the impulses off, and then begin to move."""
-        self._set({'impulses': False}, self._begin)
-
     def _begin(self) -> None:
         self._moves = True
-        self._make(None)
         limits = self._limits
         self.get_logger().info(
             f'impulses are off; moving within {limits.low:g} to {limits.high:g} m at up to '
             f'{limits.speed:g} m/s'
         )
-
-    def _restore(self) -> None:
-        """Set what was changed as it was."""
-        self._set({name: self._before[name] for name in ('x_r', 'impulses')}, self._finish)
 
     def _finish(self) -> None:
         assert self._motion is not None
@@ -134,25 +111,6 @@ class Excite(ParameterNode):
             f'{len(speeds)} moves in {(self._last - self._first) / SECOND:.3g} s at up to '
             f'{max(speeds):.3g} m/s; x_r and impulses are as before'
         )
-
-    def _set(self, values: dict[str, Any], then: Callable[[], None]) -> None:
-        """Set parameters of the controller, all or none."""
-
-        def judge(response: Any) -> None:
-            if not response.result.successful:
-                raise ExcitationError(f'{self._controller}: {response.result.reason}')
-            then()
-
-        given = [Parameter(name, value=value) for name, value in values.items()]
-        self._call(self._client.set_parameters_atomically, given, judge)
-
-    def _call(self, service: Any, argument: Any, then: Callable[[Any], None]) -> None:
-        """Call a service, again if it does not answer, and pass its response to ``then``."""
-        if self._response is not None and self._response.done():
-            response, self._response = self._response.result(), None
-            then(response)
-        elif monotonic() > self._asked + ASK_AGAIN:
-            self._response, self._asked = service(argument), monotonic()
 
     # -- states -----------------------------------------------------------------------------
 
@@ -180,7 +138,7 @@ class Excite(ParameterNode):
         if self._motion is None:
             K, D, x_r, *_ = self._before.values()
             self._motion, self._told = Excitation(self._limits, K, D, x_r, position), x_r
-            self._make(self._turn_off)
+            self._requests.set({'impulses': False}, self._begin)
         if not self._moves:
             return
         self._first = self._first or stamp
@@ -190,8 +148,9 @@ class Excite(ParameterNode):
         point = self._motion.next_set_point()
         self._told_at = stamp
         if point is None:
-            self._moves = False
-            self._make(self._restore)
+            self._moves, self._is_over = False, True
+            before = {name: self._before[name] for name in ('x_r', 'impulses')}
+            self._requests.set(before, self._finish)
         elif point != self._told:
             self._told, self._taken, self._published = point, False, monotonic()
             self._set_point.publish(Float64(data=point))
@@ -206,8 +165,11 @@ class Excite(ParameterNode):
 
     def _stop(self, reason: ExcitationError | str) -> None:
         """End with an error, and hold the axis where it is if it was moved."""
-        if self._motion is None or self._request == self._restore:
+        if self._motion is None:
             self.fail(ExcitationError(str(reason)))
+            return
+        if self._is_over:
+            self.fail(ExcitationError(f'{reason}: impulses and x_r may not be as before'))
             return
         at = min(max(self._position, self._limits.low), self._limits.high)
         self._set_point.publish(Float64(data=at))
@@ -223,17 +185,20 @@ class Excite(ParameterNode):
         patience, now = self.parameters.discovery_timeout, monotonic()
         limit = self.parameters.state_timeout if self._last else patience
         try:
-            if self._request is not None:
-                self._request()
-                if now > self._since + patience:
-                    raise ExcitationError(f'no answer of {self._controller} for {patience:g} s')
-            elif now > self._heard + limit:
-                raise ExcitationError(f'no state on joint_states for {limit:g} s')
-            elif self._moves and not self._taken and now > self._published + limit:
+            if not self._asked and self._set_point.get_subscription_count():
+                self._asked = True
+                self._requests.get(ASKED, self._listen)
+            self._requests.poll(patience)
+            if now > self._heard + limit:
+                missing = (
+                    'state on joint_states' if self._before else (f'answer of {self._controller}')
+                )
+                raise ExcitationError(f'no {missing} for {limit:g} s')
+            if self._moves and not self._taken and now > self._published + limit:
                 raise ExcitationError(f'{self._controller} takes no set-point for {limit:g} s')
         except ExcitationError as error:
             self._stop(error)
-        return IDLE if self._request is None else WAITS
+        return IDLE if self._before and not self._requests.pending else WAITS
 
     def close(self) -> None:
         """Stop a motion that is interrupted, and wait until its set-point is acknowledged."""

@@ -13,7 +13,8 @@ from impulse_control_ros.core.promise import Promise, promise_of
 from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.experiment import PlantParameters
 from impulse_control_ros.tools.identify.axis import plant_of, rounded
-from impulse_control_ros.tools.identify.gains import damping_range, Design, designed, Requirement
+from impulse_control_ros.tools.identify.design import Design, designed
+from impulse_control_ros.tools.identify.gains import damping_range, Requirement
 
 ALWAYS = ('m', 'F_c', 'K', 'D', 'd_bar', 'c', 'time_step')
 LASTS = 2.0  # settling times
