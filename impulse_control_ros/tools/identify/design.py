@@ -36,12 +36,13 @@ WIDEST = 20.0  # the largest d_bar of a candidate over the least one
 LOSS = 1.2  # of settling time, that less effort may cost
 SPARE = 1.2  # of force, beyond friction and offset
 SLOW = 40.0  # simulated time constants of a loop of given stiffness
-STIFFEST = 0.3  # rad a sample, of sqrt(K / m)
+STIFFEST = 0.1  # rad a sample, of sqrt(K / m)
 NEARLY = 0.95  # of the settling time, that the ideal loop is to take
 CANDIDATES = 8
-STRONGER = 2.0  # from one stiffness to the next
+STRONGER = 1.6  # from one stiffness to the next
 PATIENCE = 2.0  # simulated settling times
-SOFTEST = 1.5  # stiffness over that at which d_bar alone damps critically
+LONGEST = 64.0  # times the required settling time, at which the nearest is looked for
+SOFTEST = 1.2  # stiffness over that at which d_bar alone damps critically
 SEEDS = (1, 2, 3)  # of a varying damping and of noise
 
 
@@ -82,28 +83,44 @@ def designed(found: Identification, plant: PlantParameters, need: Requirement) -
         good.sort(key=lambda one: one.peak_effort)
         return first_at_rest(good, plant, need)
     assert need.settling_time is not None
-    designs = [
-        *promised(found, plant, need, need.settling_time),
-        *(
-            design
-            for d_bar in bounds
-            for design in quick_enough(found, plant, need, rounded(d_bar), need.settling_time)
-        ),
+    designs = timed_designs(found, plant, need, need.settling_time, bounds)
+    good = [
+        one
+        for one in [*promised(found, plant, need, need.settling_time), *designs]
+        if one.settling_time <= need.settling_time
     ]
-    good = [one for one in designs if one.settling_time <= need.settling_time]
     if good:
         good.sort(key=lambda one: (rounded(one.peak_effort, 3), one.gains.K))
         return first_at_rest(good, plant, need)
-    fastest = min((one.settling_time for one in designs), default=math.inf)
-    if not math.isfinite(fastest):
-        raise UsageError(
-            f'--settling-time {need.settling_time:g}: the axis does not settle in a time near it; '
-            'a longer one, or a larger --effort-limit, is needed'
-        )
+    longer = need.settling_time
+    while not any(math.isfinite(one.settling_time) for one in designs):
+        longer *= 2.0
+        if longer > LONGEST * need.settling_time:
+            raise UsageError(
+                f'--settling-time {need.settling_time:g}: the axis does not settle within '
+                f'{LONGEST:g} times as long either; a larger --effort-limit is needed'
+            )
+        designs = timed_designs(found, plant, need, longer, bounds)
+    fastest = min(one.settling_time for one in designs)
     raise UsageError(
         f'--settling-time {need.settling_time:g}: cannot be met; the nearest that can is '
         f'--settling-time {rounded(1.01 * fastest, 3):g}'
     )
+
+
+def timed_designs(
+    found: Identification,
+    plant: PlantParameters,
+    need: Requirement,
+    settling_time: float,
+    bounds: np.ndarray,
+) -> list[Design]:
+    """Return designs with each of the ``bounds``: of one grid, whatever the settling time [s]."""
+    return [
+        design
+        for d_bar in bounds
+        for design in quick_enough(found, plant, need, rounded(d_bar), settling_time)
+    ]
 
 
 def first_at_rest(designs: list[Design], plant: PlantParameters, need: Requirement) -> Design:
