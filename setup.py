@@ -4,8 +4,11 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'impulse_control_ros'
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6']
-NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop', 'dashboard']
-TOOLS = ['simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param']
+NODES = ['plant_simulator', 'controller', 'recorder', 'closed_loop', 'excite', 'dashboard']
+TOOLS = [
+    *('simulate', 'analyze', 'identify', 'export_bag', 'replay', 'sweep', 'paper_figures'),
+    'param',
+]
 REPORT = ['plotly>=6']
 DASHBOARD = [*REPORT, 'bokeh>=3.8']  # with tornado, which it needs
 # 400 MB that a robot does not need
@@ -21,7 +24,7 @@ setup(
     maintainer='impulse_control_ros maintainers',
     maintainer_email='maintainers@impulse-control-ros.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'nodes/dashboard/page/*', 'tools/analyze/page/*']},
+    package_data={PACKAGE: ['py.typed', 'nodes/dashboard/page/*', 'tools/*/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -25,6 +25,10 @@ class BagError(ImpulseControlError):
     """A bag that cannot be written or read; the message names the path and the reason."""
 
 
+class RecordError(ImpulseControlError):
+    """A record of an axis that cannot be read or used; the message names the file and why."""
+
+
 class SweepError(ImpulseControlError, RuntimeError):
     """A sweep that cannot continue; the message says why and what to do."""
 
@@ -51,6 +55,10 @@ class NodeError(ImpulseControlError):
 
 class RefusedError(NodeError):
     """A node refuses new parameters; the message is its reason."""
+
+
+class ExcitationError(ImpulseControlError, RuntimeError):
+    """A motion for identification that ends early; the message says why."""
 
 
 class UsageError(ImpulseControlError):

@@ -19,8 +19,9 @@ from impulse_control_ros.errors import (
 from test.conftest import BIN, CONFIG
 
 EXECUTABLES = (
-    *('plant_simulator', 'controller', 'recorder', 'closed_loop'),
-    *('simulate', 'analyze', 'export_bag', 'replay', 'sweep', 'paper_figures', 'param'),
+    *('plant_simulator', 'controller', 'recorder', 'closed_loop', 'excite'),
+    *('simulate', 'analyze', 'identify', 'export_bag', 'replay', 'sweep', 'paper_figures'),
+    'param',
 )
 
 

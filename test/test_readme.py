@@ -116,6 +116,8 @@ class Reader:
             process = self._graph.start(*words, bin_folder=self._executables)
             self._running.append(process)
             self._started.append(process)
+        elif words[0] == 'excite':  # beside the nodes that it moves, which go on
+            self._run([str(self._executables / words[0]), *words[1:]])
         elif words[0] == 'ros2':
             self._be_running()
             getattr(self, '_'.join(words[1:3]))(*words[3:])

@@ -1,6 +1,5 @@
 """The report in a real browser: headless Chromium, driven by selenium."""
 
-import json
 from pathlib import Path
 import subprocess
 
@@ -8,13 +7,12 @@ import numpy as np
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
-from selenium.webdriver.support.ui import WebDriverWait
 
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.files.cdr import JointStateLayout
 from impulse_control_ros.tools.analyze.packing import on_grid
-from test.chromium import needs_chromium, open_chromium
+from test.chromium import needs_chromium
 from test.command_lines import status_of
 from test.conftest import BIN
 from test.tools.bags import (
@@ -29,8 +27,8 @@ from test.tools.bags import (
     STATES,
     told,
 )
+from test.tools.chromium import Page
 
-PATIENCE = 120.0
 RUNS = ('pd_only_lower', 'underdamped', 'time_varying', 'coulomb')
 
 pytestmark = needs_chromium
@@ -48,64 +46,6 @@ def page(tmp_path_factory, bags):
     path = tmp_path_factory.mktemp('page') / 'report.html'
     assert status_of('analyze', *(bag for bag, _ in bags.values()), '--report', path) == 0
     return path
-
-
-@pytest.fixture(scope='module')
-def browser(tmp_path_factory):
-    driver = open_chromium(tmp_path_factory.mktemp('profile'))
-    driver.execute_cdp_cmd(
-        'Network.emulateNetworkConditions',
-        {'offline': True, 'latency': 0, 'downloadThroughput': 0, 'uploadThroughput': 0},
-    )
-    yield driver
-    driver.quit()
-
-
-class Page:
-    """A report in the browser."""
-
-    def __init__(self, browser, path):
-        self.browser = browser
-        browser.get_log('performance')
-        browser.get(path.as_uri())
-        self.until('return document.body.dataset.ready === "yes"')
-
-    def run(self, script, *arguments):
-        return self.browser.execute_script(script, *arguments)
-
-    def until(self, script, *arguments):
-        WebDriverWait(self.browser, PATIENCE).until(lambda _: self.run(script, *arguments))
-
-    def traces(self, plot, **wanted):
-        """Return name, key and points of the traces of a plot that have these attributes."""
-        found = self.run(
-            'return document.getElementById(arguments[0]).data.map((one) => '
-            '({name: one.name, meta: one.meta, mode: one.mode, x: one.x, y: one.y}))',
-            plot,
-        )
-        return [one for one in found if all(one[key] == value for key, value in wanted.items())]
-
-    def zoom(self, plot, **ranges):
-        self.run(
-            'const [plot, ranges] = arguments; return Plotly.relayout(plot, ranges)',
-            plot,
-            {name.replace('_', '.'): value for name, value in ranges.items()},
-        )
-
-    def requests(self):
-        """Return what was asked of the network or of a file since the page was opened."""
-        messages = [
-            json.loads(entry['message'])['message']
-            for entry in self.browser.get_log('performance')
-        ]
-        return [
-            message['params']['request']['url']
-            for message in messages
-            if message['method'] == 'Network.requestWillBeSent'
-        ]
-
-    def click(self, name):
-        self.browser.find_element(By.CSS_SELECTOR, f'#legend [data-name="{name}"]').click()
 
 
 @pytest.fixture

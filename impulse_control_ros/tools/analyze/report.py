@@ -32,19 +32,23 @@ def report(runs: Sequence[Run], responses: Sequence[Response]) -> str:
         'table': rows_of(responses),
         'runs': [facts_of(run) for run in runs],
     }
+    blobs = [
+        BLOB.format(f'{number}.{name}', packed(values))
+        for number, run in enumerate(runs)
+        for name, values in arrays_of(run)
+    ]
+    return filled(part('page.html'), facts, blobs, part('page.js'))
+
+
+def filled(page: str, facts: dict[str, Any], blobs: Sequence[str], script: str) -> str:
+    """Return a ``page`` with its style, its content and its ``script``, and with plotly."""
     # '<' could end the element
     data = json.dumps(facts, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
-    blobs = [BLOB.format('plotly', deflated(get_plotlyjs().encode()))]
-    for number, run in enumerate(runs):
-        blobs += [
-            BLOB.format(f'{number}.{name}', packed(values)) for name, values in arrays_of(run)
-        ]
-    page = part('page.html')
     for place, content in (
         ('STYLE', part('page.css')),
         ('FACTS', data),
-        ('BLOBS', '\n'.join(blobs)),
-        ('SCRIPT', part('samples.js') + part('page.js')),
+        ('BLOBS', '\n'.join([BLOB.format('plotly', deflated(get_plotlyjs().encode())), *blobs])),
+        ('SCRIPT', part('samples.js') + part('look.js') + script),
     ):
         before, after = page.split(f'<!--{place}-->')
         page = before + content + after

@@ -1,6 +1,5 @@
 // The page: what is drawn, in which colour, and what a click or a zoom does to it.
 
-const COLORS = ['#0072B2', '#D55E00', '#000000', '#56B4E9', '#882255', '#999933'];
 const GUARDS = {
   position_zero: {words: 'impulse at e = 0', color: '#CC79A7', symbol: 'circle'},
   velocity_zero: {words: 'impulse at v = 0', color: '#009E73', symbol: 'diamond'},
@@ -9,25 +8,8 @@ const GUARDS = {
 const FAILED = {words: 'impulse not confirmed', color: '#CF222E', symbol: 'x-thin'};
 const SUSPENDED = {words: 'impulses suspended', color: '#CF222E'};
 const MARKED = ['position', 'velocity', 'impulse'];  // panels that show the impulses
-const LEFT = 58;  // pixels
-const RIGHT = 12;
-const TOP = 40;
-const BOTTOM = 44;
 const PANEL = 150;
 const GAP = 34;
-const WIDE = 6;  // pixels between samples at which they are drawn as points
-const CONFIG = {
-  responsive: true, displaylogo: false, displayModeBar: true, doubleClick: 'reset',
-  // these alone: one of the others sends the data to a server
-  modeBarButtons: [['zoom2d', 'pan2d', 'zoomIn2d', 'zoomOut2d', 'resetScale2d', 'toImage']],
-};
-const GREY = '#8c959f';
-const LAYOUT = {
-  font: {family: 'system-ui, sans-serif', size: 12, color: '#1f2328'}, showlegend: false,
-  hovermode: 'closest', paper_bgcolor: '#fff', plot_bgcolor: '#fff',
-  dragmode: matchMedia('(pointer: coarse)').matches ? false : 'zoom',  // a finger scrolls
-};
-const AXIS = {gridcolor: '#eaeef2', zeroline: false, exponentformat: 'e', nticks: 8};
 const hidden = new Set();  // names of runs, guards, 'failed' and 'suspended'
 
 // -- what was recorded ------------------------------------------------------------------------
@@ -197,11 +179,6 @@ function mark(name, size) {
   return {color: GUARDS[name].color, symbol: GUARDS[name].symbol, size, line: {width: 0}};
 }
 
-/** Return the width of what a plot draws in, in pixels. */
-function bins(id) {
-  return Math.max(document.getElementById(id).clientWidth - LEFT - RIGHT, 100);
-}
-
 // -- in the phase plane -----------------------------------------------------------------------
 
 /** Return the least and the largest value over all runs of those that a test lets pass. */
@@ -304,22 +281,6 @@ function button(name, text, shape, color) {
   return made;
 }
 
-/** Fill a table with rows of texts: heads, then values; rows of values that differ stand out. */
-function fillTable(id, rows, compare = false) {
-  const table = document.getElementById(id);
-  rows.forEach((cells, number) => {
-    const isHead = number === 0 || cells.length === 1;
-    const row = table.insertRow();
-    row.classList.toggle('differs', compare && !isHead && new Set(cells.slice(1)).size > 1);
-    for (const cell of cells) {
-      const made = isHead ? row.appendChild(document.createElement('th')) : row.insertCell();
-      // a name may break after each of its words
-      for (const part of cell.split(/(?<=_)/)) made.append(part, document.createElement('wbr'));
-      if (cells.length === 1) made.colSpan = rows[0].length;
-    }
-  });
-}
-
 /** Return rows with a column for each run, of the texts by name that each gives. */
 function byRun(textsOf) {
   const columns = runs.map(textsOf);
@@ -343,7 +304,6 @@ function parameterRows() {
 
 // -- all of it --------------------------------------------------------------------------------
 
-const facts = JSON.parse(document.getElementById('facts').textContent);
 const runs = [];
 
 /** Draw the plots again as they are zoomed now. */
@@ -352,18 +312,9 @@ function drawAll() {
   for (const id of planes()) drawPhase(id, document.getElementById(id).layout);
 }
 
-/** Draw a plot, and again whenever it is zoomed or gets another size. */
-function begin(id, layout, draw) {
-  draw(layout);
-  const plot = document.getElementById(id);
-  plot.on('plotly_relayout', () => draw(plot.layout));
-}
-
 /** Be the page. */
 async function main() {
-  const script = document.createElement('script');
-  script.textContent = new TextDecoder().decode(await inflated('plotly'));
-  document.head.append(script);
+  await loadPlotly();
   for (const [number, fact] of facts.runs.entries()) runs.push(await loaded(fact, number));
   fillLegend();
   fillTable('figures', facts.table);
@@ -374,12 +325,6 @@ async function main() {
   const range = ranges();
   for (const id of planes()) begin(id, phaseLayout(range[id]), (layout) => drawPhase(id, layout));
   if (!planes().length) document.querySelectorAll('.phase').forEach((one) => one.remove());
-  document.getElementById('status').textContent = `impulse_control_ros ${facts.version}. Drag `
-    + 'over a plot to zoom, double-click to see all; on a touch screen use the buttons above it.';
-  document.body.dataset.ready = 'yes';
 }
 
-main().catch((error) => {
-  document.getElementById('status').textContent = `The page cannot be shown: ${error.message}`;
-  console.error(error);
-});
+show(main);
