@@ -6,7 +6,7 @@ from typing import Any
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.serialization import deserialize_message
 
-from impulse_control_ros.core.design import check_gains, Finding, Level
+from impulse_control_ros.core.design import check_delay, check_gains, Finding, Level
 from impulse_control_ros.core.protocol import name_of, parse_node
 from impulse_control_ros.files.experiment import axis_of, ControllerParameters, require_agreement
 from impulse_control_ros.files.parameter_event import decode_parameter_event
@@ -62,9 +62,14 @@ class KnownPlants:
         if values and gains.max_age:
             text = f'max_age has no effect on the states of {values[NAME]}: set it there'
             self._said.append(Finding(level=Level.NOTE, text=text))
-        for finding in self._said:
-            if finding in before:
-                continue
+        self._log([finding for finding in self._said if finding not in before])
+
+    def advise_for_delay(self, gains: ControllerParameters, delay: int) -> None:
+        """Log the findings on ``gains`` for a learnt delay [samples]."""
+        self._log(check_delay(gains, delay))
+
+    def _log(self, findings: list[Finding]) -> None:
+        for finding in findings:
             # rclpy allows one severity per call site
             if finding.level is Level.NOTE:
                 self._logger.info(finding.text)

@@ -52,6 +52,7 @@ class SupervisionReport:
     def begin(self) -> None:
         """Start with an empty memory of the law."""
         self._told, self._last, self._ratio, self._suspended = NO_VERDICT, NO_VERDICT, 0.0, False
+        self._delay = 0
         self.parameters_changed()
 
     def parameters_changed(self) -> None:
@@ -63,6 +64,7 @@ class SupervisionReport:
         learnt, used_mass = self._law.learnt(), self._used_mass
         self._last, self._ratio, self._used_mass = verdict, ratio, learnt.used_mass
         if verdict == CONFIRMED:
+            self._advise(learnt.delay)
             return
         why = reason(verdict, ratio, used_mass, self._node.parameters)
         if learnt.is_suspended_anew:
@@ -72,6 +74,14 @@ class SupervisionReport:
         elif verdict != self._told:
             self._logger.warning(f'impulse {VERDICTS[verdict].replace("_", " ")}: {why}')
         self._told = verdict
+
+    def _advise(self, delay: float) -> None:
+        """Log what a delay [s] means that differs from the last one by more than a sample."""
+        gains = self._node.parameters
+        samples = 0 if math.isnan(delay) else round(delay / gains.time_step)
+        if abs(samples - self._delay) > 1:
+            self._delay = samples
+            self._node.plants.advise_for_delay(gains, samples)
 
     def look(self, ended: bool = False) -> None:
         """Log the end of a suspension."""

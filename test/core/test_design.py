@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 import math
+import re
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -19,6 +20,7 @@ from impulse_control_ros.core.damping import Damping
 from impulse_control_ros.core.design import (
     alpha_bounds,
     beta,
+    check_delay,
     check_gains,
     critical_damping,
     dead_zone,
@@ -401,3 +403,20 @@ def test_an_integral_gain_that_is_unstable_without_damping_is_a_warning():
 
 def test_with_an_integral_no_dead_zone_is_claimed():
     assert said(Level.NOTE, replace(PD, K_i=12.0), ROUGH) == []
+
+
+@pytest.mark.parametrize(
+    ('gains', 'delay', 'text'),
+    [
+        ({'effort_limit': 50.0}, 3, 'the loop delays impulses by 3 samples, 0.0003 s'),
+        ({'effort_limit': 50.0}, 500, 'response_timeout = 1000 samples .* above 1000'),
+        ({'effort_limit': 50.0}, 1400, 'crosses the set-point within that time; .* = 1.05 must'),
+        ({'effort_limit': 50.0, 'velocity_deadband': 0.1}, 10, 'is below 0.0001 m'),
+        ({}, 1, 'effort_limit = 0 lets a wrong impulse act in full'),
+    ],
+)
+def test_a_learnt_delay_is_told_with_what_it_asks_of_the_gains(gains, delay, text):
+    found = [finding.text for finding in check_delay(ControlGains(**gains), delay)]
+    assert any(re.search(text, one) for one in found)
+    assert check_delay(ControlGains(**gains), 0) == []
+    assert check_delay(ControlGains(impulses=False), delay) == []
