@@ -56,10 +56,7 @@ class Frames:
             'impulse_rate': run.impulse_rate.value(),
             'speed': run.speed.value(),
             'lost': dashboard.inputs.lost,
-            'nodes': {
-                role: {'name': peer.name, 'report': peer.report}
-                for role, peer in dashboard.peers.items()
-            },
+            'reports': dashboard.reports(),
             'recording': {
                 'running': recording.running,
                 'state': recording.state,

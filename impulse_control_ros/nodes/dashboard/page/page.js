@@ -119,15 +119,18 @@ function drawState(frame) {
       `impulses ${GUARDS[guard]}`, `${frame.fired[guard] ?? 0}${last(frame.last[guard])}`)),
     row('impulses lost on the way here', frame.lost, frame.lost > 0),
   );
-  element('reports').replaceChildren(...['plant', 'controller'].map((role) => {
-    const table = document.createElement('table');
-    const node = frame.nodes[role];
-    table.createCaption().textContent = node ? `${role} ${node.name}` : `no ${role} was found`;
-    for (const [name, value] of Object.entries(node?.report ?? {})) {
-      table.append(row(name.replaceAll('_', ' '), value, COUNTED.test(name) && Number(value) > 0));
-    }
-    return table;
-  }));
+  const missing = ['plant', 'controller'].filter(
+    (role) => !Object.keys(frame.reports).some((name) => name.startsWith(role)));
+  element('reports').replaceChildren(
+    ...missing.map((role) => Object.assign(document.createElement('p'), {textContent: `no ${role} was found`})),
+    ...Object.entries(frame.reports).map(([name, report]) => {
+      const table = document.createElement('table');
+      table.createCaption().textContent = name;
+      for (const [key, value] of Object.entries(report)) {
+        table.append(row(key.replaceAll('_', ' '), value, COUNTED.test(key) && Number(value) > 0));
+      }
+      return table;
+    }));
   const {running, state: said, report} = frame.recording;
   const record = element('record');
   record.textContent = running ? 'Stop recording' : 'Record';
