@@ -76,6 +76,7 @@ class Frames:
                 ]
                 for role, peer in dashboard.peers.items()
             },
+            'knows_law': dashboard.run.knows_law,
             'bands': {name: gains.get(name) for name in BANDS},
             'findings': findings(gains, dashboard.values('plant')),
         }

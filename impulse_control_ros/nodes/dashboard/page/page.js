@@ -83,11 +83,11 @@ function drawBands() {
   model('phase_band').setv({visible, left: -position, right: position});
 }
 
-/** Without the law of a foreign controller, show the applied effort, and positions for errors. */
-function drawUnknown(unknown) {
-  model('effort').visible = unknown;
-  model('feedback').visible = !unknown;
-  element('effort').textContent = unknown ? 'Applied effort' : 'PD effort, without impulses';
+/** Draw the PD effort, or the applied effort if the law is that of a foreign controller. */
+function drawEffort(isKnown) {
+  model('effort').visible = !isKnown;
+  model('feedback').visible = isKnown;
+  element('effort').textContent = isKnown ? 'PD effort, without impulses' : 'Applied effort';
 }
 
 function row(name, value, counted) {
@@ -164,7 +164,7 @@ function drawParameters(frame) {
     for (const one of known) fields[role].get(one.name).show(one.value);
   }
   bands = frame.bands;
-  drawUnknown(bands.x_r === null);
+  drawEffort(frame.knows_law);
   element('findings').replaceChildren(...frame.findings.map(([level, text]) => {
     const item = document.createElement('li');
     item.className = level.toLowerCase();
