@@ -23,7 +23,7 @@ SAMPLES, IMPULSES = 3000, 2000  # kept
 EARLY = 4000  # impulses kept until a state of their run is there
 SIMULATED = 10**7 * SECOND  # stamps from here on are of a wall clock
 SPAN = 1.0  # s over which rates are taken
-LAW = ('m', 'K', 'D', 'x_r', 'effort_limit')
+LAW = {'m', 'K', 'D', 'x_r', 'effort_limit'}
 SAMPLE = ('time', 'position', 'setpoint', 'error', 'velocity', 'effort', 'feedback')
 IMPULSE = ('time', 'position', 'error', 'velocity', 'after', 'area', 'guard')
 
@@ -126,13 +126,18 @@ class LiveRun:
         for impulse in early:
             self.add_impulse(*impulse)
 
+    @property
+    def knows_law(self) -> bool:
+        """Whether u_PD can be computed."""
+        return self.law.keys() >= LAW
+
     def _error(self, position: float) -> float:
         """Return the error [m] of a position; of a foreign law, from 0."""
         return position - float(self.law.get('x_r', 0.0))
 
     def feedback(self, error: float, velocity: float) -> float:
         """Return u_PD [N] of an error and a velocity; nan for an unknown law."""
-        if not self.law.keys() >= set(LAW):
+        if not self.knows_law:
             return math.nan
         limit = self.law['effort_limit'] or math.inf
         return min(max(-self.law['K'] * error - self.law['D'] * velocity, -limit), limit)

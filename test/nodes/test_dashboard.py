@@ -122,7 +122,8 @@ def test_pause_step_and_reset_act(page):
 def test_a_slider_changes_a_gain_in_the_recording_at_a_sample(graph, page, dashboard):
     page.browser.find_element(By.ID, 'record').click()
     page.until(
-        "return document.getElementById('reports').textContent.includes('recorders1')",
+        "const told = document.getElementById('reports').textContent;"
+        "return told.includes('recorders1') && told.includes('recorder /dashboard_recorder')",
         'a recorder',
     )
     slider = page.slider('controller.K')

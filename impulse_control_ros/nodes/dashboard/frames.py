@@ -56,10 +56,7 @@ class Frames:
             'impulse_rate': run.impulse_rate.value(),
             'speed': run.speed.value(),
             'lost': dashboard.inputs.lost,
-            'nodes': {
-                role: {'name': peer.name, 'report': peer.report}
-                for role, peer in dashboard.peers.items()
-            },
+            'reports': dashboard.reports(),
             'recording': {
                 'running': recording.running,
                 'state': recording.state,
@@ -79,6 +76,7 @@ class Frames:
                 ]
                 for role, peer in dashboard.peers.items()
             },
+            'knows_law': dashboard.run.knows_law,
             'bands': {name: gains.get(name) for name in BANDS},
             'findings': findings(gains, dashboard.values('plant')),
         }

@@ -39,6 +39,7 @@ from impulse_control_ros.nodes.topics import SLOW_QOS
 
 PERIOD = 0.02  # s
 LOOK = 0.5  # s between looks at the graph
+SILENT = 3.0  # s after the last report of a recorder, which has ended then
 ROLES = {'plant': JOINT_STATES, 'controller': JOINT_COMMANDS}
 BAGS = Path('runs')
 
@@ -64,6 +65,7 @@ class Dashboard(ParameterNode):
         super().__init__('dashboard', DashboardParameters)
         self.run, self.inputs = LiveRun(), Inputs(self)
         self.peers: dict[str, Peer] = {}
+        self._recorders: dict[str, tuple[float, Mapping[str, str]]] = {}
         self._left: list[Peer] = []  # whose last answer is still expected
         self._active = ''
         self._look_at = 0.0
@@ -107,6 +109,15 @@ class Dashboard(ParameterNode):
         """Return the parameters of the node of a role, by name; none if there is no such node."""
         return self.peers[role].values if role in self.peers else {}
 
+    def reports(self) -> dict[str, Mapping[str, str]]:
+        """Return what plant, controller and recorders say of themselves, by role and name."""
+        now = monotonic()
+        self._recorders = {name: one for name, one in self._recorders.items() if one[0] > now}
+        return {
+            **{f'{role} {peer.name}': peer.report for role, peer in self.peers.items()},
+            **{f'recorder {name}': report for name, (_, report) in self._recorders.items()},
+        }
+
     def _look(self) -> None:
         """Find plant and controller, and read the parameters of those that are new."""
         self.inputs.choose()
@@ -138,10 +149,13 @@ class Dashboard(ParameterNode):
 
     def _on_report(self, array: DiagnosticArray) -> None:
         for status in array.status:
+            values = {item.key: item.value for item in status.values}
+            report = {'message': status.message, **values}
             for peer in self.peers.values():
                 if status.name == peer.name:
-                    values = {item.key: item.value for item in status.values}
-                    peer.report = {'message': status.message, **values}
+                    peer.report = report
+            if 'written' in report:
+                self._recorders[status.name] = monotonic() + SILENT, report
 
     def _on_changed(self, event: ParameterEvent) -> None:
         for peer in self.peers.values():

@@ -7,6 +7,8 @@ import tempfile
 
 from impulse_control_ros.nodes.child import Child
 
+NAME = ('-r', '__node:=dashboard_recorder')  # beside one of the user's own
+
 
 class Recording:
     """
@@ -35,7 +37,7 @@ class Recording:
             return f'refused: {self.state}'
         self._bag = self.folder / f'dashboard_{datetime.now():%Y_%m_%d-%H_%M_%S}'
         self._recorder = self._start(
-            'recorder', '--ros-args', *self._arguments, '-p', f'bag:={self._bag}'
+            'recorder', '--ros-args', *self._arguments, *NAME, '-p', f'bag:={self._bag}'
         )
         self.state, self.report = f'recording {self._bag}', ''
         return ''

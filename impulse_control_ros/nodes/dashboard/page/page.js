@@ -83,11 +83,11 @@ function drawBands() {
   model('phase_band').setv({visible, left: -position, right: position});
 }
 
-/** Without the law of a foreign controller, show the applied effort, and positions for errors. */
-function drawUnknown(unknown) {
-  model('effort').visible = unknown;
-  model('feedback').visible = !unknown;
-  element('effort').textContent = unknown ? 'Applied effort' : 'PD effort, without impulses';
+/** Draw the PD effort, or the applied effort if the law is that of a foreign controller. */
+function drawEffort(isKnown) {
+  model('effort').visible = !isKnown;
+  model('feedback').visible = isKnown;
+  element('effort').textContent = isKnown ? 'PD effort, without impulses' : 'Applied effort';
 }
 
 function row(name, value, counted) {
@@ -119,15 +119,18 @@ function drawState(frame) {
       `impulses ${GUARDS[guard]}`, `${frame.fired[guard] ?? 0}${last(frame.last[guard])}`)),
     row('impulses lost on the way here', frame.lost, frame.lost > 0),
   );
-  element('reports').replaceChildren(...['plant', 'controller'].map((role) => {
-    const table = document.createElement('table');
-    const node = frame.nodes[role];
-    table.createCaption().textContent = node ? `${role} ${node.name}` : `no ${role} was found`;
-    for (const [name, value] of Object.entries(node?.report ?? {})) {
-      table.append(row(name.replaceAll('_', ' '), value, COUNTED.test(name) && Number(value) > 0));
-    }
-    return table;
-  }));
+  const missing = ['plant', 'controller'].filter(
+    (role) => !Object.keys(frame.reports).some((name) => name.startsWith(role)));
+  element('reports').replaceChildren(
+    ...missing.map((role) => Object.assign(document.createElement('p'), {textContent: `no ${role} was found`})),
+    ...Object.entries(frame.reports).map(([name, report]) => {
+      const table = document.createElement('table');
+      table.createCaption().textContent = name;
+      for (const [key, value] of Object.entries(report)) {
+        table.append(row(key.replaceAll('_', ' '), value, COUNTED.test(key) && Number(value) > 0));
+      }
+      return table;
+    }));
   const {running, state: said, report} = frame.recording;
   const record = element('record');
   record.textContent = running ? 'Stop recording' : 'Record';
@@ -161,7 +164,7 @@ function drawParameters(frame) {
     for (const one of known) fields[role].get(one.name).show(one.value);
   }
   bands = frame.bands;
-  drawUnknown(bands.x_r === null);
+  drawEffort(frame.knows_law);
   element('findings').replaceChildren(...frame.findings.map(([level, text]) => {
     const item = document.createElement('li');
     item.className = level.toLowerCase();
