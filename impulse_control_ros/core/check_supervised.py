@@ -25,7 +25,6 @@ import numpy as np
 
 from impulse_control_ros.core.check_guards import before, Commands, guard_checks, note_of, since
 from impulse_control_ros.core.check_report import bounded, Check, Gains, PerSample, ROUNDING
-from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import COMMAND, POSITION_ZERO
 from impulse_control_ros.core.replay import answered, Piece
 
@@ -65,8 +64,8 @@ def check_supervised(
 def answers_of_law(commands: Commands, gains: Gains, known: np.ndarray) -> np.ndarray:
     """Return the answers of the kernel to the samples with a ``known`` past: dtype COMMAND."""
     law, at = np.zeros(len(known), COMMAND), np.flatnonzero(known)
-    sets: Mapping[int, ControlGains] = gains if isinstance(gains, Mapping) else {0: gains}
-    places = np.searchsorted(commands.samples[at], [*sets]).tolist()
+    sets = gains if isinstance(gains, Mapping) else {0: gains}
+    places: list[int] = np.searchsorted(commands.samples[at], [*sets]).tolist()
     changes = dict(zip(places, sets.values(), strict=True))
     begins = set(np.flatnonzero(commands.begins[at]).tolist())
     present, pieces = changes[0], []
