@@ -13,7 +13,9 @@ jump set              missed and unexplained guards  core/check_law.py
 jump map (17), law    impulse area, effort           core/check_law.py
 ====================  =============================  ===========================================
 
-The checks formulate (3), (4) and (17) a second time, in numpy, and share no code with the kernels.
+The checks formulate (3), (4) and (17) a second time, in numpy, and share no code with the kernels,
+with one exception: impulses under supervision are checked against the kernel itself and by bounds,
+see core/check_supervised.py.
 """
 
 from dataclasses import replace

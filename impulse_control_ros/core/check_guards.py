@@ -123,10 +123,18 @@ def expected_guards(commands: Commands, of: PerSample, memory: Remembered) -> np
     return np.where(of('impulses') & ~held, guards, 0)
 
 
-def guard_checks(commands: Commands, expected: np.ndarray, known: np.ndarray) -> list[Check]:
-    """Check that the commands start exactly the impulses of the law."""
+def note_of(known: np.ndarray, how: str = '') -> str:
+    """Return a note: ``how`` samples are judged, and how many have no ``known`` past."""
+    gap = '' if known.all() else f'{(~known).sum()} samples follow unknown ones'
+    return '; '.join(filter(None, (how, gap)))
+
+
+def guard_checks(
+    commands: Commands, expected: np.ndarray, known: np.ndarray, how: str = ''
+) -> list[Check]:
+    """Check that the commands start exactly the impulses of the law; a note says ``how``."""
     differs, fired = known & (commands.guard != expected), commands.guard != 0
-    note = '' if known.all() else f'{(~known).sum()} samples follow unknown ones'
+    note = note_of(known, how)
     names = np.array(['no impulse', *GUARDS[1:]])
     columns = commands.samples, names[commands.guard], names[expected], np.zeros(len(fired))
     missed = [

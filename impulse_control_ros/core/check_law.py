@@ -14,7 +14,8 @@ impulse area  N s   J = -2 alpha sign(v) or -c_event beta sign(e): (17), (19), (
 effort        N     u = K (x_r - x) - D v - I + J / dt, within effort_limit: (4)
 ============  ====  ========================================================================
 
-Only effort_limit, K_i and an estimated velocity depend on all previous samples.
+Only effort_limit, K_i and an estimated velocity depend on all previous samples. Impulses under
+supervision are checked against the law itself, see core/check_supervised.py.
 """
 
 import numpy as np
@@ -34,6 +35,7 @@ from impulse_control_ros.core.check_report import (
     PerSample,
     ROUNDING,
 )
+from impulse_control_ros.core.check_supervised import check_supervised
 from impulse_control_ros.core.control_law import POSITION_ZERO, STICKING, STILL
 
 LONG_MEMORY = ('K_i', 'effort_limit')
@@ -60,6 +62,12 @@ def check_commands(loop: LoopSamples, gains: Gains) -> list[Check]:
     start = np.maximum.accumulate(np.where(commands.begins, index, 0))
     known = commands.fresh[start]
     recent = index - start > of('hold_off').max()
+    if (of('supervision') & of('impulses')).any():
+        towards = velocity_zero_area(commands, of)
+        checks = check_supervised(commands, of, gains, towards, known)
+        if has_long:
+            return checks
+        return [*checks[:-1], effort_check(commands, of, plain(commands, of), known | ~known)]
     memory = remembered(commands, of) if has_long else plain(commands, of)
     expected = expected_guards(commands, of, memory)
     return [
@@ -122,15 +130,21 @@ def remembered(commands: Commands, of: PerSample) -> Remembered:
     return Remembered(*rows.T)
 
 
-def area_check(commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray) -> Check:
-    """Check the area of each impulse for its guard."""
+def velocity_zero_area(commands: Commands, of: PerSample) -> np.ndarray:
+    """Return the area [N s] of an impulse at a velocity zero or, where it is one, at a stick."""
     error = commands.position - of('x_r')
-    alpha = of('alpha_ratio') * of('m') * np.abs(memory.velocity)
     beta = np.abs(error) * of('d_bar') / (2 * of('c'))
     c_event = np.where(commands.guard == STICKING, 1.0, 2.0)
-    is_position_zero = commands.guard == POSITION_ZERO
+    return -c_event * beta * np.sign(error)
+
+
+def area_check(commands: Commands, of: PerSample, memory: Remembered, known: np.ndarray) -> Check:
+    """Check the area of each impulse for its guard."""
+    alpha = of('alpha_ratio') * of('m') * np.abs(memory.velocity)
     expected = np.where(
-        is_position_zero, -2 * alpha * np.sign(memory.velocity), -c_event * beta * np.sign(error)
+        commands.guard == POSITION_ZERO,
+        -2 * alpha * np.sign(memory.velocity),
+        velocity_zero_area(commands, of),
     )
     area = np.where(known & (commands.guard != 0), commands.area, np.nan)
     tolerance = ROUNDING * np.abs(expected)

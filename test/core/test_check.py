@@ -23,7 +23,8 @@ from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.parameter_file import load_experiment
 from test.conftest import CONFIG
 
-PLANT, GAINS, DURATION = Plant(x_0=0.3), ControlGains(), 0.5  # meets every guard
+# meets every guard
+PLANT, GAINS, DURATION = Plant(x_0=0.3), ControlGains(supervision=False), 0.5
 RUN = simulate(PLANT, GAINS, DURATION)
 
 
@@ -123,6 +124,7 @@ def drawn(rng):
         velocity_hysteresis=pick(0.0, 0.0, 0.01),
         stiction_wait_samples=pick(1, 1, 5),
         velocity_source=pick('measured', 'measured', 'estimated'),
+        supervision=pick(False, True),
         time_step=step,
     )
 
@@ -193,6 +195,64 @@ def test_a_missed_guard_and_a_wrong_impulse_are_found_and_named(guard):
         assert violated(seen(PLANT, GAINS, 3000, scaled(by))) == ['impulse area']
 
 
+def changed_once(at, change):
+    """Return a function of the answers that changes the one ``at`` this place."""
+    count = -1
+
+    def answers(answer):
+        nonlocal count
+        count += 1
+        effort, area, guard = answer
+        new_area, new_guard = change(area, guard) if count == at else (area, guard)
+        return effort + (new_area - area) / PLANT.time_step, new_area, new_guard
+
+    return answers
+
+
+# the controller has to learn the mass, the delay and the noise
+FOREIGN = Plant(
+    x_0=0.3, m=0.15, actuator=Actuator(delay=7), sensor=Sensor(velocity_noise=1e-4, seed=3)
+)
+
+
+@pytest.mark.parametrize('plant', [PLANT, FOREIGN], ids=['ideal', 'foreign'])
+@pytest.mark.parametrize('options', [{}, {'velocity_source': 'estimated'}])
+def test_a_wrong_impulse_under_supervision_is_found_and_named(plant, options):
+    gains = replace(GAINS, supervision=True, **options)
+    right = seen(plant, gains, 3000)
+    fired = np.flatnonzero(right.guard)
+    assert len(fired) >= 3
+    assert violated(right, plant, gains) == []
+    for at in fired[[0, 1, -1]]:
+        guard = GUARDS[right.guard[at]]
+        for change, sample, names in (
+            (lambda area, guard: (0.0, 0), at, {f'missed {guard}'}),
+            (lambda area, guard: (1.001 * area, guard), at, {'impulse area'}),
+            (lambda area, guard: (-area, guard), at, {'impulse area'}),
+            (lambda area, guard: (-1e-3, 3), at + 1, {'unexplained impulse'}),
+        ):
+            made = seen(plant, gains, 3000, changed_once(sample, change))
+            found = [one for one in check_commands(made, gains) if one.violations]
+            assert names <= {one.name for one in found} <= names | {'impulse area bounds'}
+            assert {(one.violations, one.first.sample) for one in found} == {(1, sample)}
+            assert not [one for one in check_motion(made, plant) if one.violations]
+
+
+def test_direction_bounds_and_effort_under_supervision_are_checked_without_the_past():
+    gains = replace(GAINS, supervision=True)
+    late = replace(seen(FOREIGN, gains, 3000), fresh=np.zeros(3000, bool))
+    assert violated(late, FOREIGN, gains) == []
+    for at in np.flatnonzero(late.guard):
+        for by in (-1.0, 6.0):
+            area, effort = late.area.copy(), late.effort.copy()
+            area[at] *= by
+            effort[at] += (area[at] - late.area[at]) / PLANT.time_step
+            made = replace(late, area=area, effort=effort)
+            assert violated(made, FOREIGN, gains) == ['impulse area bounds']
+    late.effort[1000] += 1e-9
+    assert violated(late, FOREIGN, gains) == ['effort']
+
+
 @pytest.mark.parametrize(
     ('name', 'by', 'names'),
     [
@@ -241,7 +301,8 @@ def test_an_axis_that_does_not_move_over_its_samples_as_fast_as_it_says_is_found
 
 
 @pytest.mark.parametrize(
-    'options', [{}, {'hold_off': 5}, {'K_i': 5.0}, {'velocity_source': 'estimated'}]
+    'options',
+    [{}, {'hold_off': 5}, {'K_i': 5.0}, {'velocity_source': 'estimated'}, {'supervision': True}],
 )
 def test_samples_that_are_missing_are_no_violation(options):
     gains = replace(GAINS, **options)
