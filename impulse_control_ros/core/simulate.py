@@ -17,7 +17,9 @@ from impulse_control_ros.errors import DivergedError
 EVENT = np.dtype(
     [('tick', 'i8'), ('guard', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('area', 'f8')]
 )
-VERDICT = np.dtype([('tick', 'i8'), ('verdict', 'i8'), ('ratio', 'f8')])
+VERDICT = np.dtype(
+    [('tick', 'i8'), ('verdict', 'i8'), ('position', 'f8'), ('velocity', 'f8'), ('ratio', 'f8')]
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,5 +120,7 @@ def verdicts_of(trace: Trace) -> np.ndarray:
     judged = np.flatnonzero(trace.verdict != NO_VERDICT)
     verdicts = np.empty(len(judged), VERDICT)
     verdicts['tick'], verdicts['verdict'] = judged, trace.verdict[judged]
+    verdicts['position'] = trace.measured_position[judged]
+    verdicts['velocity'] = trace.used_velocity[judged]
     verdicts['ratio'] = trace.ratio[judged]
     return verdicts

@@ -197,7 +197,7 @@ def test_what_is_written_is_read(tmp_path):
     assert list(run.states['position']) == [0.5 / (k + 1) for k in range(300)]
     assert list(run.commands['effort']) == [5.0 * k for k in range(300)]
     assert [tuple(row) for row in run.impulses] == [
-        (START + k * STEP, 1, 0.5, -k, 0.25) for k in (7, 107, 207)
+        (START + k * STEP, 1, 0, 0.5, -k, 0.25) for k in (7, 107, 207)
     ]
     assert run.parameters == {'/controller': values}
     assert (run.run, run.version) == (RUN, '1.2.3')

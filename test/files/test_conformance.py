@@ -21,6 +21,7 @@ import yaml
 
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import parse_command, parse_node, parse_state
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.parameter_event import FIELDS as VALUES
 from impulse_control_ros.files.recording import read_bag
@@ -206,7 +207,7 @@ def rows_of(decoded):
                     (
                         nanoseconds(message.header.stamp),
                         header.run,
-                        getattr(header, 'guard', ''),
+                        *((header.guard, header.verdict) if name != 'joint_states' else ()),
                         *message.position,
                         *message.velocity,
                         *message.effort,
@@ -244,17 +245,21 @@ def bits(row):
     return [item if isinstance(item, str) else np.float64(item).tobytes() for item in row]
 
 
+def guard_and_verdict(row):
+    return GUARDS[row['guard']], VERDICTS[row['verdict']]
+
+
 def assert_same_bits(rows, bag):
     run = read_bag(bag)
     assert len(run.states) == len(run.commands) > 1000
     assert run.lacks == []
     assert rows['joint_states'] == [
-        bits((row['stamp'], run.run, '', row['position'], row['velocity'], row['effort']))
+        bits((row['stamp'], run.run, row['position'], row['velocity'], row['effort']))
         for row in run.states
     ]
-    fired = {row['stamp']: GUARDS[row['guard']] for row in run.impulses}
+    words = {row['stamp']: guard_and_verdict(row) for row in run.events}
     assert rows['joint_commands'] == [
-        bits((row['stamp'], run.run, fired.get(row['stamp'], ''), row['effort']))
+        bits((row['stamp'], run.run, *words.get(row['stamp'], ('', '')), row['effort']))
         for row in run.commands
     ]
     assert rows['impulse_events'] == [
@@ -262,13 +267,13 @@ def assert_same_bits(rows, bag):
             (
                 row['stamp'],
                 run.run,
-                GUARDS[row['guard']],
+                *guard_and_verdict(row),
                 row['position'],
                 row['velocity'],
                 row['area'],
             )
         )
-        for row in run.impulses
+        for row in run.events
     ]
     assert rows['damping'] == [bits((row['damping'],)) for row in run.damping]
     assert rows['run_parameters'] == [

@@ -16,6 +16,7 @@ from test.tools.bags import (
     COMMANDS,
     CONTROLLER,
     entries,
+    event_count,
     EVENTS,
     experiment,
     finished,
@@ -81,7 +82,7 @@ def restarted(tmp_path, made, short, long):
 def test_the_last_of_several_runs_is_read_and_the_others_are_counted(restarted, short, long):
     recording = read_bag(restarted)
     assert (recording.run, is_of(recording, long)) == (OTHER_RUN, True)
-    assert recording.lacks == [f'run {RUN} is left out ({2 * 201 + len(short.events)} messages)']
+    assert recording.lacks == [f'run {RUN} is left out ({2 * 201 + event_count(short)} messages)']
     assert recording.states['is_reset'].tolist() == [True] + [False] * 300
 
 
@@ -117,7 +118,7 @@ def test_a_second_plant_on_the_topic_is_left_out(tmp_path, made, short, long, ot
     writer.write(sorted([*entries(short), *entries(long, run=other)], key=lambda one: one[0]))
     recording = read_bag(finished(writer))
     assert (recording.run, is_of(recording, short)) == (RUN, True)
-    count = 2 * 301 + len(long.events) if other else 301
+    count = 2 * 301 + event_count(long) if other else 301
     name = f'run {other}' if other else 'a foreign plant'
     assert recording.lacks == [f'{name} is left out ({count} messages)']
 
@@ -437,7 +438,7 @@ def without(messages, *unwanted):
         ([(COMMANDS, 3), (COMMANDS, 199)], ['2 states have no command']),
         ([(COMMANDS, 200)], []),  # the run ended before
         ([(STATES, 200), (COMMANDS, 200)], []),
-        ([(EVENTS, 0)], ['1 commands name a guard whose event is missing']),
+        ([(EVENTS, 0)], ['1 commands name a guard or a verdict whose event is missing']),
         ([(PARAMETERS, 0)], ['the parameters of the plant are missing']),
         ([(PARAMETERS, 1)], [f'the parameters of {CONTROLLER} are missing']),
         (

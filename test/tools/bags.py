@@ -11,6 +11,7 @@ from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader, StateHeader
 from impulse_control_ros.core.replay import run_again, spans
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import BagWriter, PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout
@@ -44,11 +45,16 @@ def state_layout(run, episode=0, controller='', fields=FIELDS):
 
 
 def command_layouts(run, episode, author, fields):
-    """Return a layout by guard."""
-    return [
-        JointStateLayout('axis', CommandHeader(run, episode, author, guard).frame_id, fields)
-        for guard in GUARDS
-    ]
+    """Return a layout by guard and verdict."""
+    return {
+        (guard, verdict): JointStateLayout(
+            'axis',
+            CommandHeader(run, episode, author, GUARDS[guard], VERDICTS[verdict]).frame_id,
+            fields,
+        )
+        for guard in range(len(GUARDS))
+        for verdict in range(len(VERDICTS))
+    }
 
 
 def told(node, values, changed=(), tick=0, run=RUN):
@@ -82,30 +88,35 @@ def entries(simulated, first=0, run=RUN, episode=0, author=CONTROLLER, named=Non
     varies = np.ptp(simulated.damping) > 0.0
     applied = np.append(applied, simulated.effort[:-1])
     fired = {int(event['tick']): event for event in simulated.events}
+    judged = {int(one['tick']): one for one in simulated.verdicts}
     states = [state_layout(run, episode, one) for one in (named, author)]
     events, commands = (
         command_layouts(run, episode, author, fields) for fields in (FIELDS, ('effort',))
     )
     for k in range(len(simulated.time)):
         sec, nanosec = at = stamp(first + k, START, STEP)
-        ns, event = sec * 10**9 + nanosec, fired.get(k)
+        ns, event, verdict = sec * 10**9 + nanosec, fired.get(k), judged.get(k)
+        what = (
+            0 if event is None else int(event['guard']),
+            0 if verdict is None else int(verdict['verdict']),
+        )
         yield (
             ns,
             STATES,
             states[k > 0].encode(*at, simulated.position[k], simulated.velocity[k], applied[k]),
         )
-        if event is not None:
-            yield (
-                ns,
-                EVENTS,
-                events[event['guard']].encode(
-                    *at, event['position'], event['velocity'], event['area']
-                ),
-            )
-        guard = event['guard'] if event is not None else 0
-        yield ns, COMMANDS, commands[guard].encode(*at, simulated.effort[k])
+        if any(what):
+            at_event, area = (verdict, 0.0) if event is None else (event, event['area'])
+            values = at_event['position'], at_event['velocity'], area
+            yield ns, EVENTS, events[what].encode(*at, *values)
+        yield ns, COMMANDS, commands[what].encode(*at, simulated.effort[k])
         if varies and k % 10 == 0 and k:
             yield ns, DAMPING, encode_float64(simulated.damping[k - 1])
+
+
+def event_count(simulated):
+    """Return the number of events: samples with an impulse or a verdict."""
+    return len({int(one['tick']) for one in (*simulated.events, *simulated.verdicts)})
 
 
 def computed(pieces, count):
@@ -132,6 +143,15 @@ def computed(pieces, count):
                 effort=answer['effort'],
                 damping=state['damping'][1:],
                 events=events,
+                verdicts=[
+                    {
+                        'tick': k,
+                        'verdict': answer['verdict'][k],
+                        'position': state['position'][k],
+                        'velocity': answer['velocity'][k],
+                    }
+                    for k in np.flatnonzero(answer['verdict'])
+                ],
             ),
             (state['effort'][0]),
         )

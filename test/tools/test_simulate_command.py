@@ -19,6 +19,7 @@ from impulse_control_ros import __version__
 from impulse_control_ros.core import closed_loop
 from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.core.simulate import simulate
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.bag import PACKAGE
@@ -85,6 +86,7 @@ def encoded(made, run, author, duration):
         yield PARAMETERS, start_ns, encode_parameter_event(*first, f'run:{run} {node}', values, {})
     simulated = simulate(plant, controller, duration)
     fired = {int(event['tick']): event for event in simulated.events}
+    judged = {int(one['tick']): one for one in simulated.verdicts}
     joint, prefix = plant.joint_name, f'run:{run}.0'
     for k in range(len(simulated.time)):
         at, ns = stamp(k, start_ns, STEP), start_ns + k * STEP
@@ -106,15 +108,13 @@ def encoded(made, run, author, duration):
                 JointStateLayout(joint, frame_id).encode(*at, position, velocity, applied),
             )
         frame_id = f'{prefix} {author}'
-        if event := fired.get(k):
-            frame_id += f' {GUARDS[event["guard"]]}'
-            yield (
-                EVENTS,
-                ns,
-                JointStateLayout(joint, frame_id).encode(
-                    *at, event['position'], event['velocity'], event['area']
-                ),
-            )
+        event, verdict = fired.get(k), judged.get(k)
+        if event is not None or verdict is not None:
+            frame_id += ' -' if event is None else f' {GUARDS[event["guard"]]}'
+            frame_id += '' if verdict is None else f' {VERDICTS[verdict["verdict"]]}'
+            one, area = (verdict, 0.0) if event is None else (event, event['area'])
+            layout = JointStateLayout(joint, frame_id)
+            yield EVENTS, ns, layout.encode(*at, one['position'], one['velocity'], area)
         yield (
             COMMANDS,
             ns,
