@@ -10,25 +10,16 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.check import check_applied
-from impulse_control_ros.core.check_guards import Commands, guard_checks
 from impulse_control_ros.core.check_law import check_commands
 from impulse_control_ros.core.check_motion import check_foreign_motion, check_motion, Errors
-from impulse_control_ros.core.check_report import (
-    bounded,
-    Check,
-    finite,
-    line,
-    LoopSamples,
-    ROUNDING,
-    Violation,
-)
+from impulse_control_ros.core.check_report import Check, finite, line, LoopSamples, Violation
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.tick import SECOND, seconds
 from impulse_control_ros.errors import BagError, ParameterError
 from impulse_control_ros.files.completeness import NO_EVENT
 from impulse_control_ros.files.recording import Recording
 from impulse_control_ros.tools.analyze.run import Run
-from impulse_control_ros.tools.resimulate import answered_states, is_free_running, pieces_of
+from impulse_control_ros.tools.resimulate import is_free_running, pieces_of
 
 COLUMNS = [item.name for item in fields(Check) if item.name != 'first']
 FIRST = ['stamp', *Violation._fields[1:]]
@@ -69,31 +60,9 @@ def checked(run: Run, errors: Errors | None) -> Checked:
     unknown = [text for text in recording.lacks if NO_EVENT in text]
     if unknown:
         checks.append(Check(name='effort', note=unknown[0]))
-    elif any(one.supervision for one in gains.values()):
-        checks += supervised_commands(recording, loop)
     else:
         checks += check_commands(loop, gains)
     return Checked(run=run, checks=checks)
-
-
-def supervised_commands(recording: Recording, loop: LoopSamples) -> list[Check]:
-    """Compare the commands of a supervised law with those that it gives to the recorded states."""
-    states, _, expected = answered_states(recording, {})
-    samples = np.searchsorted(recording.states['stamp'], states['stamp'])
-    fresh, index = loop.fresh[samples], np.arange(len(samples))
-    begins = fresh | (np.diff(loop.time[samples], prepend=-np.inf) > 1.5 * loop.time_step)
-    known = fresh[np.maximum.accumulate(np.where(begins, index, 0))]
-    values = {name: getattr(loop, name)[samples] for name in Commands._fields[1:-1]}
-    commands = Commands(samples=samples, begins=begins, **values)
-    known &= np.isfinite(commands.effort)
-    checks = guard_checks(commands, expected['guard'], known)
-    for name, unit, value, answer in (
-        ('impulse area', 'N s', np.where(commands.guard, commands.area, np.nan), expected['area']),
-        ('effort', 'N', commands.effort, expected['effort']),
-    ):
-        value, tolerance = np.where(known, value, np.nan), ROUNDING * np.abs(answer)
-        checks.append(bounded(name, unit, value, (answer, answer), tolerance, samples))
-    return checks
 
 
 def commands_of(recording: Recording) -> Check:
