@@ -43,9 +43,10 @@ def checks(capsys, bag, *arguments):
     return code, {check['name']: check for check in json.loads(capsys.readouterr().out)}
 
 
-def made(name='coulomb', count=1501, edit=lambda run: None, told_by=None, keep=None):
+def made(name='coulomb', count=1501, edit=lambda run: None, told_by=None, keep=None, **gains):
     """Return a function that makes the bag of an experiment, ``edit`` ed on the way."""
     experiment_ = experiment(name)
+    experiment_ = replace(experiment_, gains=replace(experiment_.gains, **gains))
     axis = experiment_.plant
     ((_, run, _),) = computed([Piece(0, axis, experiment_.gains, True, axis)], count)
     edit(run)
@@ -157,10 +158,12 @@ def test_a_bag_that_begins_in_mid_run_passes(tmp_path, capsys):
     def is_late(at, one):
         return one[0] > 10**9 + 300 * STEP
 
-    code, found = checks(capsys, made(keep=is_late)(tmp_path / 'bag'))
-    assert code == 0, found
-    assert found['missed velocity_zero']['checked'] == 1199
-    assert found['effort']['checked'] == 1200
+    for supervision, guards in ((False, 1199), (True, 0)):
+        write = made(keep=is_late, supervision=supervision)
+        code, found = checks(capsys, write(tmp_path / f'{supervision}'))
+        assert code == 0, found
+        assert found['missed velocity_zero']['checked'] == guards
+        assert found['effort']['checked'] == 1200
 
 
 def test_a_foreign_axis_is_judged_by_what_the_paper_supposes(tmp_path, capsys):

@@ -69,22 +69,32 @@ def checked(run: Run, errors: Errors | None) -> Checked:
     unknown = [text for text in recording.lacks if NO_EVENT in text]
     if unknown:
         checks.append(Check(name='effort', note=unknown[0]))
-    elif any(one.supervision for one in gains.values()):
-        checks += supervised_commands(recording, loop)
     else:
-        checks += check_commands(loop, gains)
+        checks += law_of(recording, loop, gains)
     return Checked(run=run, checks=checks)
 
 
+def law_of(recording: Recording, loop: LoopSamples, gains: Mapping[int, Any]) -> list[Check]:
+    """Check the commands; the impulses of a supervised law by what it answers once more."""
+    checks = check_commands(loop, gains)
+    if not any(one.supervision for one in gains.values()):
+        return checks
+    replayed, effort = supervised_commands(recording, loop), checks[-1]
+    uses_mass = np.isnan(recording.velocity).any() or any(
+        one.velocity_source == 'estimated' for one in gains.values()
+    )
+    return replayed if uses_mass else [*replayed[:-1], effort]
+
+
 def supervised_commands(recording: Recording, loop: LoopSamples) -> list[Check]:
-    """Compare the commands of a supervised law with those that it gives to the recorded states."""
+    """Compare the commands with those of the law on the recorded states, once it has begun."""
     states, _, expected = answered_states(recording, {})
     samples = np.searchsorted(recording.states['stamp'], states['stamp'])
     fresh, index = loop.fresh[samples], np.arange(len(samples))
     begins = fresh | (np.diff(loop.time[samples], prepend=-np.inf) > 1.5 * loop.time_step)
-    known = fresh[np.maximum.accumulate(np.where(begins, index, 0))]
     values = {name: getattr(loop, name)[samples] for name in Commands._fields[1:-1]}
     commands = Commands(samples=samples, begins=begins, **values)
+    known = fresh[np.maximum.accumulate(np.where(begins, index, 0))]
     known &= np.isfinite(commands.effort)
     checks = guard_checks(commands, expected['guard'], known)
     for name, unit, value, answer in (
