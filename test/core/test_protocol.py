@@ -39,6 +39,29 @@ from test.core.protocol_model.world import Bound
 BOTH, ONE, FOREIGN_TOO = ('A1', 'B1'), ('A1',), ('A1', protocol.FOREIGN)
 
 
+@pytest.mark.parametrize(
+    ('header', 'frame_id'),
+    [
+        (('0123abcd', 2, '/c#1', '', ''), 'run:0123abcd.2 /c#1'),
+        (('0123abcd', 2, '/c#1', 'sticking', ''), 'run:0123abcd.2 /c#1 sticking'),
+        (('0123abcd', 2, '/c#1', '', 'absent'), 'run:0123abcd.2 /c#1 - absent'),
+        (
+            ('0123abcd', 2, '/c#1', 'sticking', 'confirmed'),
+            'run:0123abcd.2 /c#1 sticking confirmed',
+        ),
+        (('', 0, protocol.FOREIGN, 'sticking', ''), 'sticking'),
+        (('', 0, protocol.FOREIGN, '', 'absent'), '- absent'),
+        (('', 0, protocol.FOREIGN, 'sticking', 'absent'), 'sticking absent'),
+        (('', 0, protocol.FOREIGN, 'base link of axis', ''), 'base link of axis'),
+    ],
+)
+def test_the_header_of_a_command_is_read_as_it_was_written(header, frame_id):
+    made = protocol.CommandHeader(*header)
+    assert made.frame_id == frame_id
+    assert protocol.parse_command(frame_id) == made
+    assert made.has_event == bool(made.guard or made.verdict)
+
+
 class Scenario(NamedTuple):
     """Who takes part, what may happen up to ``last_tick``, and how many worlds that are."""
 

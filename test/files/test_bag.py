@@ -15,9 +15,12 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
+from impulse_control_ros.core.supervision import VERDICTS
+from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter, PACKAGE, Topic
 from impulse_control_ros.files.cdr import JointStateLayout
+from impulse_control_ros.files.export import to_pandas
 from impulse_control_ros.files.mcap_chunk import CHUNK_SIZE
 from impulse_control_ros.files.parameter_event import (
     encode_parameter_event,
@@ -202,6 +205,30 @@ def test_what_is_written_is_read(tmp_path):
     assert run.parameters == {'/controller': values}
     assert (run.run, run.version) == (RUN, '1.2.3')
     assert run.recording_summary == {'messages': '604', 'missing': '0'}
+
+
+def test_impulses_and_verdicts_are_told_apart(tmp_path):
+    writer = begun(tmp_path / 'run', 0)
+    what = {2: ('sticking', ''), 3: ('', 'absent'), 4: ('sticking', 'confirmed')}
+    for k in range(6):
+        at = stamp(k, START, STEP)
+        header = CommandHeader(RUN, 0, AUTHOR, *what.get(k, ('', ''))).frame_id
+        area = 0.25 if k in (2, 4) else 0.0
+        writer.write([(START + k * STEP, 1, STATE.encode(*at, 0.5, 0.0, 0.0))])
+        if k in what:
+            raw = JointStateLayout('axis', header).encode(*at, 0.5, -k, area)
+            writer.write([(START + k * STEP, 2, raw)])
+        raw = JointStateLayout('axis', header, ('effort',)).encode(*at, 0.0)
+        writer.write([(START + k * STEP, 3, raw)])
+    writer.close({})
+    run = read_bag(tmp_path / 'run')
+    ticks, verdicts = ((one['stamp'] - START) // STEP for one in (run.impulses, run.verdicts))
+    assert (ticks.tolist(), verdicts.tolist()) == ([2, 4], [3, 4])
+    assert run.events['area'].tolist() == [0.25, 0.0, 0.25]
+    assert [VERDICTS[one] for one in run.verdicts['verdict']] == ['absent', 'confirmed']
+    assert run.impulse_samples()[0].tolist() == [2, 4]
+    guards = to_pandas(run)[['guard', 'verdict']].to_numpy().tolist()
+    assert guards[2:5] == [['sticking', ''], ['', 'absent'], ['sticking', 'confirmed']]
 
 
 def test_an_existing_folder_is_refused_and_left_alone(tmp_path):

@@ -39,8 +39,8 @@ def state(tick, controller=ME, run=RUN, joint='axis', episode=0):
     return JointStateLayout(joint, header).encode(*stamp(tick), 0.5, 0.0, 0.0)
 
 
-def command(tick, guard='', author=ME, run=RUN, effort=1.0, at=None):
-    header = CommandHeader(run, 0, author, guard).frame_id
+def command(tick, guard='', author=ME, run=RUN, effort=1.0, at=None, verdict=''):
+    header = CommandHeader(run, 0, author, guard, verdict).frame_id
     return JointStateLayout('axis', header, COMMANDED).encode(*(at or stamp(tick)), effort)
 
 
@@ -98,6 +98,18 @@ def test_any_order_of_arrival_gives_the_same_recording(data):
     assert [one for one in entries if one[1] != PARAMETERS] == sorted(expected)
     assert channels(entries).count(PARAMETERS) == 2
     assert joiner.counts == {'states': count, 'missing': 0, 'repeated': 0, 'foreign': 0}
+
+
+def test_the_event_of_a_verdict_alone_is_waited_for():
+    judged = command(0, verdict='confirmed')
+    header = CommandHeader(RUN, 0, ME, '', 'confirmed').frame_id
+    told = JointStateLayout('axis', header).encode(*stamp(0), 0.0, 0.0, 0.0)
+    arrivals = [(STATES, [state(0), state(1)]), (COMMANDS, [judged])]
+    entries, joiner = joined([*arrivals, (EVENTS, [told]), (COMMANDS, [command(1)])])
+    assert channels(entries) == [STATES, EVENTS, COMMANDS, STATES, COMMANDS]
+    assert joiner.counts['missing'] == 0
+    _, joiner = joined([*arrivals, (COMMANDS, [command(1)])])
+    assert joiner.counts['missing'] == 1
 
 
 def test_a_sample_is_its_parameters_state_event_command_and_what_has_no_stamp():

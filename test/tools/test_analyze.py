@@ -67,6 +67,29 @@ def bag(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp('bags') / 'run', 'underdamped', 0.5)[0]
 
 
+# -- supervision ------------------------------------------------------------------------------
+
+
+def test_verdicts_the_learnt_mass_and_the_time_of_suspension_are_told(tmp_path, capsys):
+    heavy, _ = recorded(tmp_path / 'heavy', 'underdamped', 0.5, {'m': 0.25})
+    light, run = recorded(tmp_path / 'light', 'underdamped', 1.5, {'m': 0.048}, learn_mass=False)
+    plain, _ = recorded(tmp_path / 'plain', 'underdamped', 0.5, supervision=False)
+    learnt, wrong, none = responses(capsys, heavy, light, plain)
+    assert learnt['confirmed'] == learnt['impulses'] > 5
+    assert learnt['learnt_mass'] == pytest.approx(0.25, rel=0.01)
+    assert (learnt['learnt_delay'], learnt['suspended_time']) == (0.0, 0.0)
+    assert wrong['out_of_band'] == np.count_nonzero(run.verdicts['verdict'] == 3) > 2
+    assert wrong['learnt_mass'] == pytest.approx(0.048, rel=0.01)
+    assert 1.0 < wrong['suspended_time'] < 1.5
+    assert [none[name] for name in ('confirmed', 'learnt_mass', 'suspended_time')] == [
+        0,
+        None,
+        None,
+    ]
+    _, out, _ = analyzed(capsys, light)
+    assert re.search(r'verdicts out of band +[3-9]\n', out)
+
+
 # -- figures ----------------------------------------------------------------------------------
 
 

@@ -204,6 +204,21 @@ def test_a_drag_zooms_and_a_double_click_shows_all_again(opened):
     )
 
 
+def test_impulses_that_failed_and_suspensions_are_marked_and_can_be_hidden(browser, tmp_path):
+    bag, run = recorded(tmp_path / 'light', 'underdamped', 1.5, {'m': 0.048}, learn_mass=False)
+    assert status_of('analyze', bag, '--report', tmp_path / 'page.html') == 0
+    opened = Page(browser, tmp_path / 'page.html')
+    (crosses,) = opened.traces('time', name='failed', meta='position')
+    fired, judged = run.time[run.events['tick']], run.time[run.verdicts['tick']]
+    assert crosses['x'] == pytest.approx([fired[fired < one][-1] for one in judged])
+    shapes = 'return document.getElementById("time").layout.shapes.map((one) => [one.x0, one.x1])'
+    (first, *_) = opened.run(shapes)
+    assert first == pytest.approx([judged[1], judged[1] + 1.0])
+    opened.click('failed')
+    opened.click('suspended')
+    assert opened.traces('time', name='failed') == opened.run(shapes) == []
+
+
 def test_the_legend_hides_a_run_and_a_guard_in_every_plot(opened):
     opened.click('underdamped')
     opened.click('velocity_zero')

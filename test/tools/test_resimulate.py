@@ -1,11 +1,13 @@
 """Bags of computed runs with changes in them, computed again: whoever recorded them."""
 
 from dataclasses import replace
+import json
 
 import pytest
 
 from impulse_control_ros.core.control_law import POSITION_ZERO
 from impulse_control_ros.core.replay import Piece
+from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.files.cdr import JointStateLayout
 from test.command_lines import status_of
 from test.files.test_bag import RUN, START, STEP
@@ -295,3 +297,40 @@ def test_a_plant_that_was_tuned_before_its_start_starts_as_it_tells_last(tmp_pat
         assert status_of('replay', bag, '--closed-loop') == 0
         said = capsys.readouterr()
         assert (said.err, ' 301 compared, 0 differ' in said.out) == ('', True)
+
+
+def test_a_bag_from_before_there_was_supervision_is_answered_without_it(tmp_path, capsys, made):
+    plain = replace(made, gains=replace(made.gains, supervision=False))
+    axis, gains = plain.plant, plain.gains
+    ((_, run, _),) = computed([Piece(0, axis, gains, True, axis)], COUNT)
+    assert len(run.events)
+    assert not len(run.verdicts)
+    new = ('supervision', 'learn_mass', 'mass_ratio_limits.lower', 'mass_ratio_limits.upper')
+    old = {name: value for name, value in gains.flat().items() if name not in new}
+    bag = ours(
+        tmp_path / 'bag',
+        plain,
+        [told(PLANT, axis.flat()), told(CONTROLLER, old), *entries(run)],
+    )
+    for how in ('--controller', '--closed-loop'):
+        assert status_of('replay', bag, how) == 0
+        assert 'every message is the same, to the bit' in capsys.readouterr().out
+    assert status_of('replay', bag, '--controller', '-p', 'supervision:=true') == 1
+    said = capsys.readouterr().out
+    assert 'confirmed at ' in said
+    assert ' is only replayed' in said
+
+
+def test_a_verdict_that_the_law_does_not_give_is_a_difference(tmp_path, capsys, made):
+    axis = made.plant
+    ((_, run, _),) = computed([Piece(0, axis, made.gains, True, axis)], COUNT)
+    run.verdicts[0]['verdict'] = VERDICTS.index('absent')
+    bag = ours(tmp_path / 'bag', made, [*all_told(made), *entries(run)])
+    assert status_of('replay', bag, '--controller') == 1
+    said = capsys.readouterr().out
+    assert 'absent at ' in said
+    assert 'confirmed at ' in said
+    assert status_of('analyze', bag, '--format', 'json') == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found['absent'] == 1
+    assert found['learnt_mass'] is None  # by other verdicts than those of the law

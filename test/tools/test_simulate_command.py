@@ -169,7 +169,7 @@ def varying(tmp_path_factory):
         text=True,
     )
     assert said.stderr == ''
-    assert said.stdout.startswith(f'{bag}: 42014 messages, 2 s simulated in ')
+    assert said.stdout.startswith(f'{bag}: 42024 messages, 2 s simulated in ')
     return bag
 
 
@@ -206,7 +206,7 @@ def test_another_reader_finds_topics_qualities_of_service_and_messages(varying):
             for connection in reader.connections
         }
         stamps = [stamp for _, stamp, _ in reader.messages()]
-    assert counts == {STATES: 20_001, EVENTS: 10, COMMANDS: 20_001, PARAMETERS: 2, DAMPING: 2000}
+    assert counts == {STATES: 20_001, EVENTS: 20, COMMANDS: 20_001, PARAMETERS: 2, DAMPING: 2000}
     assert stamps == sorted(stamps)
     assert {topic for topic, kind in durable.items() if kind == 'TRANSIENT_LOCAL'} == {PARAMETERS}
 
