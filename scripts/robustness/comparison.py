@@ -66,7 +66,9 @@ def compared(study: SweepConfig, column: Column) -> Comparison:
 
     def of(name: str) -> np.ndarray:
         values = np.where(lost, np.nan, shown(column, name)).reshape(shape)
-        ranked = quantiles(values, SHARES).reshape(len(SHARES), len(levels), len(frictions) or 1, 8)
+        ranked = quantiles(values, SHARES).reshape(
+            len(SHARES), len(levels), len(frictions) or 1, 8
+        )
         return ranked[..., list(PLACES.values())]
 
     return Comparison(
