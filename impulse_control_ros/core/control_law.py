@@ -140,10 +140,12 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
     ``memory`` are None (all off), numba compiles the law without them. Conditions then only select
     values, so a batch computes many runs at once. An ``exact`` sample is known to have no noise.
     """
+    is_measured = not np.isnan(velocity)
     velocity = velocity_of(state, gains, options, memory, position, velocity)
     error, free, verdict, ratio = position - gains.x_r, True, 0, 0.0
     is_supervised = False if options is None else options.supervision != 0.0
     if is_supervised:
+        memory.estimated = 0.0 if is_measured and options.estimates == 0.0 else 1.0
         if state.started == 0.0:
             begin_supervision(memory, options, error, velocity)
         else:
@@ -169,7 +171,7 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
         if memory.flight.age > 0.0:  # a crossing during the flight counts when it has ended
             guard_position, side = state.guard_position, state.side
         if owed != 0.0:
-            note_impulse(memory, options, direction, owed, left, error)
+            note_impulse(memory, options, guard == POSITION_ZERO, direction, owed, left, error)
         if direction != state.direction and state.direction != 0.0:
             note_turn(memory.suspension, error, owed != 0.0)
     if options is None:  # unused then; clearing them makes the loop a sixth faster
@@ -207,7 +209,7 @@ def learnt_gains(gains, options, memory):
     if learnt.delay > 1.0 and learnt.jumps > 0.0:
         position_gain = 1.0 / options.inverse_m
     sd = noise.velocity.sd if memory.flight.by_difference == 0.0 else noise.difference.sd
-    if options.estimates != 0.0:
+    if memory.estimated != 0.0:
         sd *= 1.0 - options.pole
     return Gains(
         K=gains.K,
@@ -318,7 +320,7 @@ def looked_at(gains, options, memory, position, velocity):
     if options.supervision == 0.0:
         return velocity, velocity, position + options.lookahead_time * velocity
     flight, learnt, noise = memory.flight, memory.learnt, memory.noise
-    if flight.by_difference != 0.0 and options.estimates == 0.0:
+    if flight.by_difference != 0.0 and memory.estimated == 0.0:
         velocity = noise.difference.value
     if learnt.delay == 0.0:
         return velocity, velocity, position + options.lookahead_time * velocity

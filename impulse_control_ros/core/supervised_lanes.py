@@ -19,6 +19,7 @@ from impulse_control_ros.core.control_law import (
     LawState,
     learnt_gains,
     options_of,
+    POSITION_ZERO,
 )
 from impulse_control_ros.core.jit import compiled, to_fixed_tuple
 from impulse_control_ros.core.supervision import note_impulse, note_turn
@@ -115,7 +116,8 @@ def note(block, law, memory, j, tick):
     owed, pending = block.law_state[SENT, j], block.law_state[PENDING, j]
     if owed != 0.0:
         direction = block.law_state[DIRECTION, j]
-        note_impulse(memory, options, direction, owed, owed - pending, error)
+        crosses = block.guard[j] == POSITION_ZERO
+        note_impulse(memory, options, crosses, direction, owed, owed - pending, error)
     if block.noted[j] == 2.0:
         note_turn(memory.suspension, error, owed != 0.0)
     keep(block, gains, options, memory, j, tick, pending)

@@ -42,6 +42,7 @@ VERDICTS = ('', 'confirmed', 'absent', 'out_of_band', 'reversed', 'growing', 'st
 NO_VERDICT, CONFIRMED, ABSENT, OUT_OF_BAND, REVERSED, GROWING, STALLED = range(7)
 LOW, HIGH = 0.6, 1.4  # of the expected jump; above 1.66 alpha_ratio 0.6 is unstable
 LONGEST = 64.0  # samples of a block
+TREND = 0.02  # share of a sample in the trend while an impulse is in flight
 NEAR = 0.05  # a learnt mass this near the assumed one changes nothing
 MASSES = 5
 
@@ -51,7 +52,8 @@ FLIGHT = record(
         for name in (
             'age',  # [samples] since the impulse in flight; 0 for none
             'area',  # [N s] sent so far
-            'at_rest',  # whether the axis stood
+            'sent_age',  # [samples] when the last of it was
+            'at_rest',  # whether the axis stood or turned
             'by_difference',  # whether the jump is seen in the difference of positions
             'size',  # [samples] of a block
             'count',  # samples in this block
@@ -59,9 +61,12 @@ FLIGHT = record(
             'level',  # [m/s] mean of the last block, of
             'level_size',  # so many samples
             'trend',  # [m/s] change per block before the jump
+            'gathered',  # [m/s] what the last blocks rose above it
             'seen',  # blocks since the jump began; 0 before
             'before',  # [m/s] level before the jump
             'first',  # [m/s] part of the jump in its first block
+            'mark',  # [m/s] a level since, of
+            'mark_seen',  # this block
             'seen_age',  # [samples] at the end of that block
             'seen_position',  # [m] there
         )
@@ -98,6 +103,7 @@ SUPERVISION = record(
         ('flight', FLIGHT),
         ('learnt', LEARNT),
         ('suspension', SUSPENSION),
+        ('estimated', 'f8'),  # whether the velocity is
         ('verdict', 'i8'),  # of the present sample
         ('ratio', 'f8'),
     ]
@@ -109,7 +115,7 @@ def begin_supervision(memory, options, error, velocity):
     """Start at the first sample, with a cleared memory of dtype SUPERVISION."""
     flight = memory.flight
     begin_noise(memory.noise, velocity)
-    flight.by_difference, flight.level = options.estimates, velocity
+    flight.by_difference, flight.level = memory.estimated, velocity
     flight.size = flight.level_size = memory.learnt.mass = 1.0
     memory.learnt.inverse_m = options.inverse_m
     begin_response(memory.suspension, error)
@@ -146,7 +152,7 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
     if options.inverse_m != memory.learnt.inverse_m:
         assume_mass(memory.learnt, options.inverse_m)
     if flight.age == 0.0:
-        follow(flight, noise, options, velocity, difference)
+        follow(memory, velocity, difference)
     else:
         watch(memory, state, gains, options, position, velocity, difference)
     if exact:
@@ -172,10 +178,11 @@ def assume_mass(learnt, inverse_m):
 
 
 @compiled
-def follow(flight, noise, options, velocity, difference):
+def follow(memory, velocity, difference):
     """Follow level and trend while no impulse is in flight."""
-    by_difference = flight.by_difference
-    if options.estimates == 0.0:
+    flight, noise = memory.flight, memory.noise
+    by_difference = memory.estimated
+    if memory.estimated == 0.0:
         better = noise.velocity.sd * flight.size > noise.difference.sd
         by_difference = 1.0 if better else 0.0
     value = difference if by_difference != 0.0 else velocity
@@ -183,7 +190,10 @@ def follow(flight, noise, options, velocity, difference):
     if by_difference != flight.by_difference:
         flight.level, flight.trend, flight.by_difference = value, 0.0, by_difference
     elif flight.size == 1.0:
-        flight.level, flight.trend = value, value - before
+        sd = block_noise(noise, by_difference, 1.0)
+        gain = 1.0 if sd == 0.0 else TREND
+        flight.level = value
+        flight.trend += gain * (value - before - flight.trend)
     else:
         gain = 1.0 / flight.size
         flight.level += gain * (value - before)
@@ -194,6 +204,7 @@ def follow(flight, noise, options, velocity, difference):
 def end_flight(flight):
     """Let the next impulse start; level and trend stay."""
     flight.age = flight.area = flight.count = flight.total = flight.seen = 0.0
+    flight.gathered = 0.0
 
 
 @compiled
@@ -231,19 +242,18 @@ def watch(memory, state, gains, options, position, velocity, difference):
     surplus = change - way * flight.trend
     sd = block_noise(noise, flight.by_difference, flight.size)
     old_sd = block_noise(noise, flight.by_difference, flight.level_size)
-    least = max(
-        (0.05 if flight.by_difference != 0.0 else 0.1) * most,
-        7.0 * np.sqrt(sd * sd + old_sd * old_sd),
-    )
+    share = (0.05 if flight.by_difference != 0.0 else 0.1) * most
+    least = max(share, 7.0 * np.sqrt(sd * sd + old_sd * old_sd))
+    gain = 1.0 if flight.size == 1.0 else 0.25
+    if is_known(noise) and 100.0 * sd < share:  # a jump may take many samples
+        gain = min(TREND * flight.size, gain)
     if flight.seen == 0.0:
-        look(memory, options, most, least, surplus, position)
+        look(memory, options, gain, most, least, surplus, mean, position)
     else:
         flight.seen += 1.0
-        measure_jump(
-            memory, state, gains, options, most, least, change, surplus, sd, mean, position
-        )
+        measure_jump(memory, state, gains, options, most, least, change, sd, mean, position)
     if flight.seen == 0.0:
-        flight.trend += (1.0 if flight.size == 1.0 else 0.25) * (way * change - flight.trend)
+        flight.trend += gain * (way * change - flight.trend)
     elif memory.verdict != NO_VERDICT:
         flight.trend = way * change
     flight.level, flight.level_size = mean, flight.size
@@ -252,49 +262,66 @@ def watch(memory, state, gains, options, position, velocity, difference):
 
 
 @compiled
-def look(memory, options, most, least, surplus, position):
+def is_late(flight, options):
+    """Return whether the jump is overdue."""
+    return flight.age > options.response_timeout + 1.5 * flight.sent_age
+
+
+@compiled
+def look(memory, options, gain, most, least, surplus, mean, position):
     """Look for the first block of the jump, ``least`` [m/s] above the trend."""
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
-    if surplus > least:
-        flight.seen, flight.before, flight.first = 1.0, flight.level, surplus
+    comes = learnt.jumps == 0.0 or flight.age > 0.8 * learnt.delay
+    earlier = (1.0 - gain) * flight.gathered if comes and gain < 0.25 else 0.0
+    flight.gathered = max(earlier + surplus, 0.0)
+    if flight.gathered > least:
+        flight.seen, flight.first = 1.0, flight.gathered
+        flight.before = flight.level - sign(flight.area) * earlier
+        flight.mark, flight.mark_seen = mean, 1.0
         flight.seen_age, flight.seen_position = flight.age, position
         noise.pause = 4.0
         if learnt.jumps == 0.0:
             learnt.delay = max(flight.age - 1.0 - flight.size, 0.0)
     elif is_known(noise) and -surplus > max(0.3 * most, least):
         memory.verdict, memory.ratio, noise.pause = REVERSED, -1.0, 4.0
-    elif flight.age > options.response_timeout:
+    elif is_late(flight, options):
         end_flight(flight)
         if least < LOW * most:
             memory.verdict = ABSENT
 
 
 @compiled
-def measure_jump(memory, state, gains, options, most, least, change, surplus, sd, mean, position):
-    """Measure the jump once it grows no more."""
+def measure_jump(memory, state, gains, options, most, least, change, sd, mean, position):
+    """Measure the jump once it grows no more: in the last third of the time since it began."""
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
-    way = sign(flight.area)
-    risen = way * (flight.level - flight.before)
-    rise = risen - 0.5 * (way * flight.trend + change) * (flight.seen - 1.0)
-    grows = min(change, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
+    way, since = sign(flight.area), flight.seen - flight.mark_seen
+    risen, growth = way * (flight.level - flight.before), way * (mean - flight.mark)
+    added = 0.5 * (way * flight.trend + growth / since) * (flight.seen - 1.0)
+    rise, surplus = risen - added, growth - way * flight.trend * since
+    grows = min(growth, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
+    early = flight.seen < 1.5 * flight.mark_seen
     sure = is_known(noise)
-    falls = not sure and way * (mean - flight.before) < 0.5 * flight.first
-    if falls or (rise < 0.5 * least and not grows):
-        flight.seen = noise.pause = 0.0  # it was noise
+    unsteady = state.pending == 0.0 and abs(added) > 0.3 * risen
+    falls = not sure and (unsteady or way * (mean - flight.before) < 0.5 * flight.first)
+    if falls or (rise < max(0.5 * least, flight.seen * sd) and not grows):
+        flight.seen = flight.gathered = noise.pause = 0.0  # it was noise
         if learnt.jumps == 0.0:
             learnt.delay = 0.0
         return
-    if flight.age > options.response_timeout:
+    if is_late(flight, options):
         end_flight(flight)
         return
+    if grows and not early:
+        flight.mark, flight.mark_seen = mean, flight.seen
     moved = way * (position - flight.seen_position)
     steady = 0.5 * rise * (flight.seen - 1.0) * flight.size * gains.time_step
-    if grows or not (sure or (flight.seen >= 3.0 and moved > steady)):
+    if grows or early or not (sure or (flight.seen >= 3.0 and moved > steady)):
         return
     memory.ratio, noise.pause = rise / most, 4.0
     fits = memory.ratio < HIGH and (memory.ratio > LOW or flight.at_rest != 0.0)
-    memory.verdict = CONFIRMED if fits else OUT_OF_BAND
-    if rise > 10.0 * sd and rise > 10.0 * abs(change):
+    clear, slow = rise > 10.0 * sd, abs(added) > 0.3 * most
+    memory.verdict = CONFIRMED if fits or (clear and slow) else OUT_OF_BAND
+    if clear and rise > 10.0 * max(abs(change), abs(added)):
         late = flight.seen_age - 1.0 - flight.size * flight.first / rise
         late -= 0.5 if flight.by_difference != 0.0 else 0.0
         learnt.delay = max(np.floor(late + 0.5), 0.0)
@@ -352,7 +379,7 @@ def judge_error(memory, gains, size):
         suspension.bound = size
     if suspension.hops >= 8.0:
         passed = suspension.hop_age * gains.time_step
-        if size > suspension.hop_error * (1.0 - 0.2 * passed):
+        if size > suspension.hop_error * (1.0 - min(0.2 * passed, 0.1)):
             memory.verdict, suspension.strikes = STALLED, 1.0
         begin_hops(suspension, size)
 
@@ -373,18 +400,19 @@ def judge(memory, gains):
 
 
 @compiled
-def note_impulse(memory, options, direction, owed, left, error):
+def note_impulse(memory, options, crosses, direction, owed, left, error):
     """Note the area due [N s], of which ``left`` acts over this sample."""
     flight, suspension = memory.flight, memory.suspension
     if flight.age == 0.0:
         expected = owed * options.inverse_m / mass_scale(memory.learnt, options)
-        flight.age, flight.at_rest = 1.0, 1.0 if direction == 0.0 else 0.0
+        flight.age, flight.at_rest = 1.0, 0.0 if crosses else 1.0
         flight.size = block_size(memory.noise, flight.by_difference, expected)
         if direction == 0.0:
             suspension.hops += 1.0
         else:
             begin_hops(suspension, error)
     flight.area += left
+    flight.sent_age = flight.age
     suspension.acted += 1.0
 
 

@@ -1,8 +1,9 @@
 """
-What a study says about PD, PID and impulses beside each other, under one disturbance.
+What a study says about PD, PID, impulses and supervised impulses, under one disturbance.
 
-The study's axes are the disturbance, F_c (unless that is the disturbance), controller.impulses
-and K_i, in this order; any others have one value. Quantiles are those of the sweep's summary.
+The study's axes are the disturbance, F_c (unless that is the disturbance), controller.impulses,
+supervision and K_i, in this order; any others have one value. Quantiles are those of the sweep's
+summary.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,8 +16,10 @@ from impulse_control_ros.core.sweep_config import SweepConfig
 from impulse_control_ros.errors import ParameterError
 from impulse_control_ros.tools.sweep_summary import Column, quantiles, shown
 
-CONTROLLERS = ('PD', 'PID', 'impulses', 'impulses and integral')  # impulses, then K_i, off and on
-AXES = {'F_c': 2, 'controller.impulses': 2, 'K_i': 2}
+AXES = {'F_c': 2, 'controller.impulses': 2, 'supervision': 2, 'K_i': 2}
+# where each is along the last three axes, as one: off is 0, on is 4, 2 and 1
+PLACES = {'PD': 0, 'PID': 1, 'impulses': 4, 'supervised': 6}
+CONTROLLERS = tuple(PLACES)
 FIGURES = {'residual': 'final_error', 'peak': 'peak_effort', 'impulses': 'impulses'}
 LOW, MEDIAN, HIGH = range(3)
 SHARES = (0.1, 0.5, 0.9)
@@ -63,9 +66,10 @@ def compared(study: SweepConfig, column: Column) -> Comparison:
 
     def of(name: str) -> np.ndarray:
         values = np.where(lost, np.nan, shown(column, name)).reshape(shape)
-        return quantiles(values, SHARES).reshape(
-            len(SHARES), len(levels), len(frictions) or 1, len(CONTROLLERS)
+        ranked = quantiles(values, SHARES).reshape(
+            len(SHARES), len(levels), len(frictions) or 1, 8
         )
+        return ranked[..., list(PLACES.values())]
 
     return Comparison(
         disturbance=disturbance,
