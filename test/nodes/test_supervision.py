@@ -9,6 +9,7 @@ from test.nodes.runs import assert_replays, composed
 from test.processes import CONFIG
 
 SUSPENDED = 'impulses suspended for {} s: jumps are 2.1 times what m = 0.1 kg gives; '
+FAST = {'plant_simulator:real_time_factor': 0.5}
 FITS = '0.048 kg would fit'
 
 
@@ -58,7 +59,7 @@ def test_an_impulse_without_a_jump_is_told_with_the_timeout(graph):
 
 
 def test_the_learnt_mass_is_reported_and_kept_and_the_run_replays(graph, client):
-    process = composed(graph, **{'plant_simulator:m': 0.25, 'controller:x_r': 0.0})
+    process = composed(graph, **FAST, **{'plant_simulator:m': 0.25})
     report = client.reported('controller', confirmed=11, last_verdict='confirmed', absent=0)
     assert float(report['learnt_mass']) == pytest.approx(0.25, rel=0.01)
     assert float(report['learnt_delay']) == float(report['suspended']) == 0.0
@@ -74,7 +75,7 @@ def test_the_learnt_mass_is_reported_and_kept_and_the_run_replays(graph, client)
 
 
 def test_supervision_can_be_set_while_the_controller_runs(graph, client):
-    process = composed(graph)
+    process = composed(graph, **FAST)
     client.reported('controller', confirmed=11)
     assert client.set('controller', supervision=False, x_r=0.2).successful
     client.spin_until(lambda: client.count_of('controller', 'impulses') > 15, 'impulses')

@@ -319,12 +319,14 @@ def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
     (got,) = responses(capsys, bag)
     empty = {name for name, value in got.items() if value is None}
     assert empty == {
-        *('peak_velocity', 'peak_effort', 'peak_feedback', 'work', 'stuck', 'stuck_time')
+        *('peak_velocity', 'peak_effort', 'peak_feedback', 'work', 'stuck', 'stuck_time'),
+        *UNSUPERVISED,
     }
     for name in empty:
         assert f'\n{METRICS[name].label}'.ljust(47) + '\n' in out
 
 
+UNSUPERVISED = ('learnt_mass', 'learnt_delay', 'suspended_time')
 UNKNOWN = {
     'position': (),
     'velocity': ('peak_velocity', 'stuck', 'stuck_time'),
@@ -343,7 +345,7 @@ def test_a_metric_that_cannot_be_computed_is_empty_in_each_format(tmp_path, caps
     fields[field][[20, 50]] = value
     bag = of_a_robot(tmp_path / 'bag', *fields.values())
     is_left_out = field == 'position' or (field == 'velocity' and not np.isnan(value))
-    empty = set() if is_left_out else set(UNKNOWN[field])
+    empty = {*UNSUPERVISED, *(() if is_left_out else UNKNOWN[field])}
     code, text, _ = analyzed(capsys, bag, '--format', 'json')
     (got,) = json.loads(text, parse_constant=lambda name: pytest.fail(f'{name} is no JSON'))
     assert code == 0

@@ -461,7 +461,7 @@ def test_a_played_bag_reaches_its_subscribers_whole_with_a_clock(graph, client, 
     assert player.wait() == 0, player.output
     run = read_bag(bag)
     told = len(run.history)  # plant and controller, once each
-    assert f'{2 * 501 + len(run.impulses) + told} messages published' in player.output
+    assert f'{2 * 501 + len(run.events) + told} messages published' in player.output
     assert [state.position[0] for state in states] == run.states['position'].tolist()
     assert [command.effort[0] for command in commands] == run.commands['effort'].tolist()
     times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
