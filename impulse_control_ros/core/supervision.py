@@ -140,7 +140,7 @@ def mass_scale(learnt, options):
     """Return the mass to compute with, relative to m."""
     if options.learn_mass == 0.0 or abs(learnt.mass - 1.0) < NEAR:
         return 1.0
-    return learnt.mass
+    return min(max(learnt.mass, options.least_mass), options.most_mass)
 
 
 @compiled
