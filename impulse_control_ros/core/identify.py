@@ -1,5 +1,5 @@
 """
-Identify an axis from records of its motion: m, d, F_c, offset and d_bar, with honest errors.
+Identify an axis from records of its motion: m, d, F_c, offset and d_bar, with their errors.
 
 1. Records become pieces of uniform samples (core/axis_record.py).
 2. The window of the weak form and how the effort acts follow from the data (core/axis_model.py).
