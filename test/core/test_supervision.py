@@ -52,6 +52,7 @@ def test_five_impulses_give_the_mass(mass, F_c, within):
     assert mass_from_five(Plant(m=mass, F_c=F_c), GAINS) == pytest.approx(mass, rel=within)
 
 
+# Later impulses at rest may spoil it: for 0.05 kg and F_c, 0.040 to 0.049 kg after 2 s.
 @pytest.mark.parametrize('mass', [0.05, 0.3])
 @pytest.mark.parametrize('F_c', [0.0, 1.0])
 @pytest.mark.parametrize('seed', [1, 2, 5])
@@ -75,7 +76,7 @@ def test_the_mass_is_learnt_from_the_positions_of_an_encoder(mass, F_c):
     assert learnt.mass == pytest.approx(mass, rel=0.15)
 
 
-# Later ones at the friction floor, a few 0.1 mm, may give another: 18 samples for 100.
+# Later ones at the friction floor, a few 0.1 mm, may give another: 18 for 100, 2 for 300.
 @pytest.mark.parametrize('delay', [0, 5, 20, 100, 300])
 @pytest.mark.parametrize('F_c', [0.0, 1.0])
 @pytest.mark.parametrize('mass', [0.05, 0.1, 0.3])
@@ -83,6 +84,7 @@ def test_the_first_jumps_give_the_delay_within_a_sample(delay, F_c, mass):
     axis = Plant(m=mass, F_c=F_c, actuator=Actuator(delay=delay))
     run = simulate(axis, GAINS, 1.0)
     learnt = learnt_of(axis, GAINS, run, run.verdicts['tick'][:3].tolist())
+    assert learnt
     for one in learnt:
         assert one.delay / STEP == pytest.approx(delay, abs=1.0)
 
@@ -105,6 +107,7 @@ def test_a_payload_of_three_times_the_mass_is_learnt_within_two_responses(F_c):
         assert one.used_mass == pytest.approx(0.4, rel=0.02)
 
 
+# After 2 s; after 0.5 s up to 60 % of the noise is missing, where it is 1e-3 or 1e-2 m/s.
 @pytest.mark.parametrize('noise', [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize('F_c', [0.0, 1.0])
 @pytest.mark.parametrize('seed', [1, 2, 3])
@@ -271,4 +274,4 @@ def test_random_axes_of_wrong_mass_delay_and_noise_settle():
     assert np.isnan(settled).mean() <= 0.04
     alone = simulate_batch(Plant(), replace(WARY, impulses=False), 6.0, varied)
     assert np.isnan(alone['settling_time'][:, 0]).mean() > 0.3
-    assert np.median(np.nan_to_num(settled, nan=6.0)) <= 0.4
+    assert np.median(np.nan_to_num(settled, nan=6.0)) <= 0.35
