@@ -83,7 +83,7 @@ def test_an_impulse_that_is_no_longer_fired_is_named(record, replay):
     run = read_bag(bag)
     status, said = replay(bag, '--controller', '-p', 'impulses:=false')
     assert status == 1
-    assert f'0 compared, 0 differ, {len(run.impulses)} only recorded' in said
+    assert f'0 compared, 0 differ, {len(run.events)} only recorded' in said
     first = run.impulses[0]
     assert first['guard'] == 2
     assert 'velocity_zero at 1.000000000 s is only recorded' in said
