@@ -67,6 +67,7 @@ from impulse_control_ros.core.supervision import (
     note_impulse,
     note_turn,
     observe,
+    TRIAL,
 )
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
@@ -198,13 +199,14 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
 @compiled
 def learnt_gains(gains, options, memory):
     """
-    Return the gains for the learnt mass, delay and noise.
+    Return the gains for the learnt mass, delay and noise, reduced after a suspension.
 
     Behind a delay the impulse at a position zero has the least alpha that (19) allows, which stops
     the axis: a second one would come too late.
     """
     learnt, noise = memory.learnt, memory.noise
     scale = mass_scale(learnt, options)
+    share = TRIAL if memory.suspension.trial != 0.0 else 1.0
     position_gain = gains.position_gain
     if learnt.delay > 1.0 and learnt.jumps > 0.0:
         position_gain = 1.0 / options.inverse_m
@@ -214,8 +216,8 @@ def learnt_gains(gains, options, memory):
     return Gains(
         K=gains.K,
         D=gains.D,
-        position_gain=position_gain * scale,
-        velocity_gain=gains.velocity_gain * (np.sqrt(scale) if scale > 1.0 else 1.0),
+        position_gain=share * position_gain * scale,
+        velocity_gain=share * gains.velocity_gain * (np.sqrt(scale) if scale > 1.0 else 1.0),
         x_r=gains.x_r,
         impulses=gains.impulses,
         effort_limit=gains.effort_limit,

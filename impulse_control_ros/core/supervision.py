@@ -24,7 +24,8 @@ n             delay           samples   from an impulse to its jump, beyond the 
   above 1.4, or below 0.6 for an axis that moved: friction may keep a resting axis from moving.
   Two such impulses in a row suspend impulses, and so does abs(e) above 1.1 times its last turning
   point while impulses act, or sticking impulses that hardly bring the axis nearer. Impulses are
-  suspended for 1 s, then 2, 4, ... 64 s.
+  suspended for 1 s, then 2, 4, ... 64 s. After that they have TRIAL of their area until one is
+  confirmed.
 """
 
 import numpy as np
@@ -45,6 +46,7 @@ LONGEST = 64.0  # samples of a block
 TREND = 0.02  # share of a sample in the trend while an impulse is in flight
 NEAR = 0.05  # a learnt mass this near the assumed one changes nothing
 MASSES = 5
+TRIAL = 0.5  # of the area, after a suspension
 
 FLIGHT = record(
     [
@@ -88,6 +90,7 @@ SUSPENSION = record(
             'strikes',
             'left',  # [samples]
             'back_off',  # [samples] of the last suspension
+            'trial',  # whether no impulse was confirmed since
             'acted',  # impulses since the last turning point
             'bound',  # [m] error at the last turning point, at least
             'floor',  # [m]
@@ -370,6 +373,7 @@ def judge_error(memory, gains, size):
     if suspension.left > 0.0:
         suspension.left -= 1.0
         if suspension.left == 0.0:
+            suspension.trial = 1.0
             suspension.bound, suspension.acted = max(size, suspension.floor), 0.0
             begin_hops(suspension, size)
     if size > 1.1 * suspension.bound:
@@ -388,7 +392,7 @@ def judge(memory, gains):
     """Count strikes and suspend impulses by the verdict."""
     suspension = memory.suspension
     if memory.verdict == CONFIRMED:
-        suspension.strikes = suspension.back_off = 0.0
+        suspension.strikes = suspension.back_off = suspension.trial = 0.0
         return
     suspension.strikes += 1.0
     if suspension.strikes >= 2.0 and suspension.left == 0.0:
