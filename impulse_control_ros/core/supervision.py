@@ -304,7 +304,10 @@ def measure_jump(memory, state, gains, options, most, least, change, sd, mean, p
     grows = min(growth, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
     early = flight.seen < 1.5 * flight.mark_seen
     sure = is_known(noise)
-    falls = not sure and way * (mean - flight.before) < 0.5 * flight.first
+    fallen = way * (mean - flight.before) < 0.5 * flight.first
+    if flight.by_difference != 0.0:  # a step of the encoder looks like a jump
+        fallen = fallen or (state.pending == 0.0 and abs(added) > 0.3 * risen)
+    falls = fallen and not sure
     if falls or (rise < max(0.5 * least, flight.seen * sd) and not grows):
         flight.seen = flight.gathered = noise.pause = 0.0  # it was noise
         if learnt.jumps == 0.0:
