@@ -64,6 +64,7 @@ def gains_of(
         stiction_wait_samples=plant.actuator.delay + 1,
         velocity_source='estimated' if estimates else 'measured',
         velocity_bandwidth=bandwidth if estimates else 50.0,
+        supervision=False,  # the promise is that of the law with the identified mass
         time_step=plant.time_step,
     )
     quiet = quiet_error(gains, plant.F_c, plant.m) if plant.F_c else 0.0
