@@ -97,6 +97,7 @@ SUSPENSION = record(
             'hops',  # impulses at rest in a row, since
             'hop_error',  # [m] this error, and
             'hop_age',  # [samples] so long ago
+            'hop_last',  # [m] error at the last of them
         )
     ]
 )
@@ -184,16 +185,11 @@ def assume_mass(learnt, inverse_m):
 def follow(memory, velocity, difference):
     """Follow level and trend while no impulse is in flight."""
     flight, noise = memory.flight, memory.noise
-    by_difference = memory.estimated
-    if memory.estimated == 0.0:
-        better = noise.velocity.sd * flight.size > noise.difference.sd
-        by_difference = 1.0 if better else 0.0
-    value = difference if by_difference != 0.0 else velocity
+    choose_signal(memory)
+    value = difference if flight.by_difference != 0.0 else velocity
     before = flight.level
-    if by_difference != flight.by_difference:
-        flight.level, flight.trend, flight.by_difference = value, 0.0, by_difference
-    elif flight.size == 1.0:
-        sd = block_noise(noise, by_difference, 1.0)
+    if flight.size == 1.0:
+        sd = block_noise(noise, flight.by_difference, 1.0)
         gain = 1.0 if sd == 0.0 else TREND
         flight.level = value
         flight.trend += gain * (value - before - flight.trend)
@@ -201,6 +197,17 @@ def follow(memory, velocity, difference):
         gain = 1.0 / flight.size
         flight.level += gain * (value - before)
         flight.trend += 0.25 * gain * (flight.size * (flight.level - before) - flight.trend)
+
+
+@compiled
+def choose_signal(memory):
+    """Choose the velocity or the difference of positions, whichever has less noise."""
+    flight, noise = memory.flight, memory.noise
+    better = noise.velocity.sd * flight.size > noise.difference.sd
+    by_difference = 1.0 if memory.estimated != 0.0 or better else 0.0
+    if by_difference != flight.by_difference:
+        signal = noise.difference if by_difference != 0.0 else noise.velocity
+        flight.by_difference, flight.level, flight.trend = by_difference, signal.value, 0.0
 
 
 @compiled
@@ -282,7 +289,7 @@ def look(memory, options, gain, most, least, surplus, mean, position):
         flight.before = flight.level - sign(flight.area) * earlier
         flight.mark, flight.mark_seen = mean, 1.0
         flight.seen_age, flight.seen_position = flight.age, position
-        noise.pause = 4.0
+        noise.pause = 4.0 if is_known(noise) else noise.pause
         if learnt.jumps == 0.0:
             learnt.delay = max(flight.age - 1.0 - flight.size, 0.0)
     elif is_known(noise) and -surplus > max(0.3 * most, least):
@@ -291,6 +298,8 @@ def look(memory, options, gain, most, least, surplus, mean, position):
         end_flight(flight)
         if least < LOW * most:
             memory.verdict = ABSENT
+    elif least > most and learnt.jumps > 0.0 and flight.age > learnt.delay + 2.0 * flight.size:
+        end_flight(flight)  # the noise hides it
 
 
 @compiled
@@ -385,7 +394,7 @@ def judge_error(memory, gains, size):
         suspension.bound = size
     if suspension.hops >= 8.0:
         passed = suspension.hop_age * gains.time_step
-        if size > suspension.hop_error * (1.0 - min(0.2 * passed, 0.1)):
+        if suspension.hop_last > suspension.hop_error * (1.0 - min(0.2 * passed, 0.1)):
             memory.verdict, suspension.strikes = STALLED, 1.0
         begin_hops(suspension, size)
 
@@ -411,11 +420,13 @@ def note_impulse(memory, options, crosses, direction, owed, left, error):
     flight, suspension = memory.flight, memory.suspension
     if flight.age == 0.0:
         expected = owed * options.inverse_m / mass_scale(memory.learnt, options)
+        choose_signal(memory)
         flight.age, flight.at_rest = 1.0, 0.0 if crosses else 1.0
         flight.size = block_size(memory.noise, flight.by_difference, expected)
         if direction == 0.0:
             suspension.hops += 1.0
-        else:
+            suspension.hop_last = abs(error)
+        elif not crosses:
             begin_hops(suspension, error)
     flight.area += left
     flight.sent_age = flight.age

@@ -27,6 +27,7 @@ EVERY, LOOK = 16.0, 4.0  # samples per update, once there are UPDATES, of which 
 UPDATES = 128.0  # that the average goes back
 KNOWN = 48.0  # updates after which the noise counts as known
 MOST = 9.0  # times the variance, that an update may have once the noise is known
+SURPRISES = 3.0  # in a row: the noise was hidden by the speed
 # sigma^2 / the mean product, with those left out as 0; from 4,000,000 normal samples
 OF_VELOCITY, OF_DIFFERENCE = 0.29504, 0.15055
 NOTHING = 1e-18  # m^2/s^2: a smaller variance is rounding
@@ -34,7 +35,7 @@ NOTHING = 1e-18  # m^2/s^2: a smaller variance is rounding
 
 # a noisy velocity [m/s]: value, first and second differences, and what is known of its noise
 SIGNAL = record(
-    [(name, 'f8') for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd')]
+    [(name, 'f8') for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd', 'surprises')]
 )
 # pause: samples that are left out; count: samples since the last update
 NOISE = record(
@@ -75,7 +76,12 @@ def next_value(signal, value):
 @compiled
 def update(signal, fresh, weight):
     """Average the variance."""
-    if weight < 1.0 / KNOWN and signal.variance > NOTHING:  # a jump that is not seen yet
+    if fresh > 0.0:
+        surprise = fresh > max(100.0 * signal.variance, NOTHING)
+        signal.surprises = signal.surprises + 1.0 if surprise else 0.0
+    if signal.surprises >= SURPRISES:
+        weight = max(weight, 1.0 / 16.0)
+    elif weight < 1.0 / KNOWN and signal.variance > NOTHING:  # a jump that is not seen yet
         fresh = min(fresh, MOST * signal.variance)
     if fresh == signal.variance:
         return
@@ -107,4 +113,5 @@ def next_noise(noise, velocity, difference):
         noise.updates = min(noise.updates + 1.0, UPDATES)
         weight = 1.0 / noise.updates
         update(noise.velocity, OF_VELOCITY * of_velocity, weight)
-        update(noise.difference, OF_DIFFERENCE * of_difference, weight)
+        if difference != 0.0 or noise.difference.step != 0.0:  # a resting encoder tells nothing
+            update(noise.difference, OF_DIFFERENCE * of_difference, weight)
