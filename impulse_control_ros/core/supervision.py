@@ -64,7 +64,9 @@ FLIGHT = record(
             'level_size',  # so many samples
             'trend',  # [m/s] change per block before the jump
             'gathered',  # [m/s] what the last blocks rose above it
-            'seen',  # blocks since the jump began; 0 before
+            'rising',  # so many blocks
+            'seen',  # blocks since the jump began; 0 before it was seen
+            'begun',  # blocks then
             'before',  # [m/s] level before the jump
             'first',  # [m/s] part of the jump in its first block
             'mark',  # [m/s] a level since, of
@@ -155,7 +157,7 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
     memory.verdict, memory.ratio = NO_VERDICT, 0.0
     if options.inverse_m != memory.learnt.inverse_m:
         assume_mass(memory.learnt, options.inverse_m)
-    if flight.age == 0.0:
+    if flight.age == 0.0 or flight.area == 0.0:  # none, or the limit holds it back
         follow(memory, velocity, difference)
     else:
         watch(memory, state, gains, options, position, velocity, difference)
@@ -214,7 +216,7 @@ def choose_signal(memory):
 def end_flight(flight):
     """Let the next impulse start; level and trend stay."""
     flight.age = flight.area = flight.count = flight.total = flight.seen = 0.0
-    flight.gathered = 0.0
+    flight.gathered = flight.rising = 0.0
 
 
 @compiled
@@ -258,7 +260,7 @@ def watch(memory, state, gains, options, position, velocity, difference):
     if is_known(noise) and 100.0 * sd < share:  # a jump may take many samples
         gain = min(TREND * flight.size, gain)
     if flight.seen == 0.0:
-        look(memory, options, gain, most, least, surplus, mean, position)
+        look(memory, state, options, gain, most, least, surplus, mean, position)
     else:
         flight.seen += 1.0
         measure_jump(memory, state, gains, options, most, least, change, sd, mean, position)
@@ -278,21 +280,23 @@ def is_late(flight, options):
 
 
 @compiled
-def look(memory, options, gain, most, least, surplus, mean, position):
+def look(memory, state, options, gain, most, least, surplus, mean, position):
     """Look for the first block of the jump, ``least`` [m/s] above the trend."""
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
     comes = learnt.jumps == 0.0 or flight.age > 0.8 * learnt.delay
     earlier = (1.0 - gain) * flight.gathered if comes and gain < 0.25 else 0.0
     flight.gathered = max(earlier + surplus, 0.0)
+    flight.rising = flight.rising + 1.0 if earlier > 0.0 and surplus <= least else 1.0
     if flight.gathered > least:
-        flight.seen, flight.first = 1.0, flight.gathered
+        flight.seen = flight.begun = flight.rising
+        flight.first = flight.gathered
         flight.before = flight.level - sign(flight.area) * earlier
-        flight.mark, flight.mark_seen = mean, 1.0
+        flight.mark, flight.mark_seen = mean, flight.seen
         flight.seen_age, flight.seen_position = flight.age, position
         noise.pause = 4.0 if is_known(noise) else noise.pause
-        if learnt.jumps == 0.0:
+        if learnt.jumps == 0.0 and flight.sent_age == 1.0:
             learnt.delay = max(flight.age - 1.0 - flight.size, 0.0)
-    elif is_known(noise) and -surplus > max(0.3 * most, least):
+    elif is_known(noise) and state.pending == 0.0 and -surplus > max(0.3 * most, least):
         memory.verdict, memory.ratio, noise.pause = REVERSED, -1.0, 4.0
     elif is_late(flight, options):
         end_flight(flight)
@@ -308,7 +312,7 @@ def measure_jump(memory, state, gains, options, most, least, change, sd, mean, p
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
     way, since = sign(flight.area), flight.seen - flight.mark_seen
     risen, growth = way * (flight.level - flight.before), way * (mean - flight.mark)
-    added = 0.5 * (way * flight.trend + growth / since) * (flight.seen - 1.0)
+    added = 0.5 * (way * flight.trend + growth / since) * (flight.seen - flight.begun)
     rise, surplus = risen - added, growth - way * flight.trend * since
     grows = min(growth, surplus) >= max(0.1 * risen, 5.0 * sd) or state.pending != 0.0
     early = flight.seen < 1.5 * flight.mark_seen

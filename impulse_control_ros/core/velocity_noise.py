@@ -35,7 +35,10 @@ NOTHING = 1e-18  # m^2/s^2: a smaller variance is rounding
 
 # a noisy velocity [m/s]: value, first and second differences, and what is known of its noise
 SIGNAL = record(
-    [(name, 'f8') for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd', 'surprises')]
+    [
+        (name, 'f8')
+        for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd', 'surprises')
+    ]
 )
 # pause: samples that are left out; count: samples since the last update
 NOISE = record(
