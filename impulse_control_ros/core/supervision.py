@@ -164,7 +164,7 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
     if exact:
         pass_exact(noise, 1.0)
     else:
-        next_noise(noise, velocity, difference)
+        next_noise(noise, velocity, difference, memory.estimated)
     if state.x_r != gains.x_r:
         begin_response(suspension, error)
     judge_error(memory, gains, abs(error))
@@ -400,7 +400,7 @@ def judge_error(memory, gains, size):
         passed = suspension.hop_age * gains.time_step
         if suspension.hop_last > suspension.hop_error * (1.0 - min(0.2 * passed, 0.1)):
             memory.verdict, suspension.strikes = STALLED, 1.0
-        begin_hops(suspension, size)
+        begin_hops(suspension, suspension.hop_last)
 
 
 @compiled

@@ -6,7 +6,8 @@ not. The product of two successive second differences r of white noise has the m
 For the difference of noisy positions, w = (x - x_before) / dt, the mean is -7.5 sigma_w^2, with
 sigma_w = sqrt(2) sigma_x / dt. Only products in a row of three alternating second differences
 count, each larger than LEAST of the speed; the mean is corrected for those left out. A jump or a
-stop alternates at most once, so an exact sensor has a noise of exactly zero.
+stop alternates at most once, so an exact sensor has a noise of exactly zero. Noise that the speed
+has hidden appears as SURPRISES far above what is learnt, and is then learnt fast.
 
 =========  ==============  =====  ==========================================================
 symbol     name            unit   meaning
@@ -102,8 +103,8 @@ def pass_exact(noise, samples):
 
 
 @compiled
-def next_noise(noise, velocity, difference):
-    """Go on to the next sample [m/s]."""
+def next_noise(noise, velocity, difference, estimated):
+    """Go on to the next sample [m/s]; ``estimated`` is 1 where the velocity is."""
     noise.count += 1.0
     noise.pause = max(noise.pause - 1.0, 0.0)
     if noise.updates == UPDATES and noise.count <= EVERY - LOOK:
@@ -116,5 +117,6 @@ def next_noise(noise, velocity, difference):
         noise.updates = min(noise.updates + 1.0, UPDATES)
         weight = 1.0 / noise.updates
         update(noise.velocity, OF_VELOCITY * of_velocity, weight)
-        if difference != 0.0 or noise.difference.step != 0.0:  # a resting encoder tells nothing
+        # a resting encoder tells nothing, and would seem better than the velocity
+        if estimated != 0.0 or difference != 0.0 or noise.difference.step != 0.0:
             update(noise.difference, OF_DIFFERENCE * of_difference, weight)
