@@ -43,9 +43,12 @@ class Comparison:
     frictions: tuple[float, ...]
     figures: Mapping[str, np.ndarray]
 
-    def worse(self, figure: str, friction: int, other: int) -> list[int]:
-        """Return at which levels impulses are worse than another, in the median or at 90 %."""
-        ours, theirs = (self.figures[figure][MEDIAN:, :, friction, place] for place in (2, other))
+    def worse(self, figure: str, friction: int, one: str, other: str) -> list[int]:
+        """Return at which levels one is worse than another, in the median or at 90 %."""
+        ours, theirs = (
+            self.figures[figure][MEDIAN:, :, friction, CONTROLLERS.index(name)]
+            for name in (one, other)
+        )
         worse = ~np.isnan(theirs) & (np.isnan(ours) | (ours > theirs + SAME[figure]))
         return np.flatnonzero(worse.any(axis=0)).tolist()
 

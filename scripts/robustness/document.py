@@ -14,6 +14,7 @@ from scripts.robustness.comparison import (
 )
 
 LEVELS = 6  # in a table
+IMPULSES = {'impulses': 'impulses', 'supervised': 'supervised impulses'}
 FIGURES = {'settling': 'settle later', 'residual': 'leave a larger error'}
 
 
@@ -81,30 +82,36 @@ def millimetres(value: float) -> str:
 
 
 def losses(comparison: Comparison) -> list[str]:
-    """Return a line for each friction that says at which levels impulses alone are worse."""
-    lines = []
-    for friction in range(len(comparison.frictions) or 1):
-        where = ''.join(
-            f'F_c = {value:g} N: ' for value in comparison.frictions[friction : friction + 1]
+    """Return a line for each friction and kind of impulses: at which levels they are worse."""
+    return [
+        f'* {where(comparison, friction)}{words} ' + loss(comparison, friction, name) + '.'
+        for friction in range(len(comparison.frictions) or 1)
+        for name, words in IMPULSES.items()
+    ]
+
+
+def where(comparison: Comparison, friction: int) -> str:
+    """Return the friction as the beginning of a line, '' where it is the disturbance."""
+    return ''.join(
+        f'F_c = {value:g} N: ' for value in comparison.frictions[friction : friction + 1]
+    )
+
+
+def loss(comparison: Comparison, friction: int, name: str) -> str:
+    """Return at which levels one is worse than PD or PID."""
+    said = [
+        f'{words} ' + ', '.join(lost)
+        for figure, words in FIGURES.items()
+        if (
+            lost := [
+                f'than {other} at '
+                + ' and '.join(stretch(comparison, *ends) for ends in runs_of(places))
+                for other in ('PD', 'PID')
+                if (places := comparison.worse(figure, friction, name, other))
+            ]
         )
-        said = [
-            f'{words} ' + ', '.join(lost)
-            for figure, words in FIGURES.items()
-            if (
-                lost := [
-                    f'than {CONTROLLERS[other]} at '
-                    + ' and '.join(stretch(comparison, *ends) for ends in runs_of(places))
-                    for other in (0, 1)
-                    if (places := comparison.worse(figure, friction, other))
-                ]
-            )
-        ]
-        lines.append(
-            f'* {where}impulses '
-            + ('; '.join(said) if said else 'are at no level worse than PD or PID')
-            + '.'
-        )
-    return lines
+    ]
+    return '; '.join(said) if said else 'are at no level worse than PD or PID'
 
 
 def stretch(comparison: Comparison, first: int, last: int) -> str:

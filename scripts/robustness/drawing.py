@@ -21,7 +21,7 @@ STYLES: tuple[dict[str, Any], ...] = (
     {'color': '#0072B2', 'marker': 's'},
     {'color': '#009E73', 'marker': '^'},
     {'color': '#D55E00', 'marker': 'o'},
-    {'color': '#555555', 'linestyle': (0, (3, 2))},
+    {'color': '#CC79A7', 'marker': 'D'},
 )
 FLOOR = {'settling': 0.0, 'residual': 1e-6, 'peak': 0.0, 'impulses': 1.0}  # less is drawn there
 LABELS = {
@@ -31,7 +31,6 @@ LABELS = {
     'impulses': 'impulses in a run',
 }
 WITHOUT = 2  # so many controllers have no impulses
-BANDS = 3  # the fourth controller's would hide those of the others
 
 
 def picture(comparison: Comparison, duration: float) -> Figure:
@@ -71,10 +70,7 @@ def picture(comparison: Comparison, duration: float) -> Figure:
 def curve(axes: Axes, levels: tuple[float, ...], values: np.ndarray, number: int) -> None:
     """Draw the median of a controller, and its band from 10 to 90 % of the runs."""
     style = STYLES[number]
-    if number < BANDS:
-        axes.fill_between(
-            levels, values[LOW], values[HIGH], color=style['color'], alpha=0.15, lw=0
-        )
+    axes.fill_between(levels, values[LOW], values[HIGH], color=style['color'], alpha=0.15, lw=0)
     axes.plot(levels, values[MEDIAN], markersize=3.5, label=CONTROLLERS[number], **style)
     lost = [level for level, value in zip(levels, values[MEDIAN], strict=True) if np.isnan(value)]
     axes.plot(

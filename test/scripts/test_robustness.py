@@ -97,7 +97,7 @@ def test_what_cannot_be_renewed_is_refused_in_one_line(place, capsys):
 
     study = place / 'studies' / 'robustness_delay.yaml'
     study.write_text(tiny('robustness_delay', K_i={'values': [12.0]}))
-    assert 'must be a disturbance and two values of F_c, controller.impulses, K_i' in refused()
+    assert 'two values of F_c, controller.impulses, supervision, K_i' in refused()
     study.rename(place / 'studies' / 'robustness_new.yaml')
     study = place / 'studies' / 'robustness_new.yaml'
     study.write_text(tiny('robustness_delay'))
@@ -140,7 +140,7 @@ def test_pd_sticks_within_friction_over_gain_and_a_creeping_axis_at_the_edge(dam
 
 
 def comparison(settling, residual):
-    """Return a comparison of PD, PID, impulses and both, given as (levels, controllers)."""
+    """Return a comparison of the four controllers, given as (levels, controllers)."""
     figures = {'settling': settling, 'residual': residual}
     figures |= {'peak': [[1.0] * 4] * 3, 'impulses': [[1.0] * 4] * 3}
     return Comparison(
@@ -160,24 +160,26 @@ SAME = [[0.0] * 4] * 3
 
 def test_where_impulses_lose_is_said_level_by_level():
     lost = comparison([[1, 2, 1.5, 0], [NEVER, 2, NEVER, 0], [1, 1, 0.5, 0]], SAME)
-    assert (lost.worse('settling', 0, 0), lost.worse('settling', 0, 1)) == ([0], [1])
-    assert (lost.worse('residual', 0, 0), lost.worse('residual', 0, 1)) == ([], [])
+    assert [lost.worse('settling', 0, 'impulses', other) for other in ('PD', 'PID')] == [[0], [1]]
+    assert [lost.worse('residual', 0, 'impulses', other) for other in ('PD', 'PID')] == [[], []]
+    assert lost.worse('settling', 0, 'supervised', 'PD') == []
     # who diverges loses, but not to one that does so too
     lost = comparison([[1.0] * 4] * 3, [[0, NEVER, NEVER, 0], [1, 0, 1, 0], [0, 0, 5e-6, 0]])
-    assert (lost.worse('residual', 0, 0), lost.worse('residual', 0, 1)) == ([0], [1])
+    assert [lost.worse('residual', 0, 'impulses', other) for other in ('PD', 'PID')] == [[0], [1]]
 
 
 def test_a_loss_in_the_tail_alone_is_a_loss():
     lost = comparison([[1.0] * 4] * 3, SAME)
     lost.figures['settling'][2, 1, 0, 2] = NEVER
-    assert lost.worse('settling', 0, 0) == [1]
+    assert lost.worse('settling', 0, 'impulses', 'PD') == [1]
 
 
 def test_the_page_says_what_is_lost_and_where():
     lost = comparison([[1, 1, 2, 0], [1, 1, 2, 0], [2, 1, NEVER, 0]], SAME)
     lost = Comparison(**vars(lost) | {'disturbance': 'effort_limit'})
     lines = block('name', lost)
-    assert lines[-1] == '* impulses settle later than PD at 1 to 3, than PID at 1 to 3.'
+    assert lines[-2] == '* impulses settle later than PD at 1 to 3, than PID at 1 to 3.'
+    assert lines[-1] == '* supervised impulses are at no level worse than PD or PID.'
     assert '| 3 | 2.000 | 1.000 | never | 0.000 | 0 | 0 | 0 | 0 |' in lines
     figure = picture(lost, 5.0)
     figure.draw_without_rendering()
