@@ -18,6 +18,9 @@ n             delay           samples   from an impulse to its jump, beyond the 
 * The jump is seen in the measured velocity or in the difference of positions, whichever has less
   noise, over blocks of samples that are as long as the noise requires. Trend is the change per
   block before the jump: feedback, friction and damping.
+* A lag or effort_limit spreads a jump over many samples. So what the blocks rise above the trend
+  is summed, with a slow decay. The jump is measured once the last third of its time adds nothing.
+  The flight counts from the first area that leaves, and response_timeout from the last.
 * The mass is the median of the last five J / jump from jumps that clearly exceed the noise and the
   change that friction makes in a sample.
 * An impulse is absent if no jump is seen for response_timeout samples. It is out of band if r is
