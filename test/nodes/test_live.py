@@ -157,6 +157,7 @@ OTHER_VALUES = {
     'disturbance.kind': 'noise',
     'disturbance.end': 9.0,
     'velocity_source': 'estimated',
+    'mass_ratio_limits.lower': 0.5,
 }
 
 

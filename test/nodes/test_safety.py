@@ -66,7 +66,7 @@ FRESH, ON = -5.0 - 375.0, -5.0 - 187.5  # N at rest at 0.5 m: an arrival, and a 
 
 
 def test_what_is_withheld_and_a_clock_that_goes_back_clear_the_memory_of_the_guards(hand_fed):
-    _, feed, _ = hand_fed(state_timeout=0.0)
+    _, feed, _ = hand_fed(state_timeout=0.0, supervision=False)
     assert [feed(state(k, 0.5)) for k in (5, 6)] == pytest.approx([FRESH, ON])
     assert feed(state(7, 1e308)) == 0.0
     assert [feed(state(k, 0.5)) for k in (8, 9)] == pytest.approx([FRESH, ON])
