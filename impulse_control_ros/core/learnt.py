@@ -8,6 +8,8 @@ import numpy as np
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.supervision import mass_scale
 
+scale_of = getattr(mass_scale, 'py_func', mass_scale)  # needs no compiling
+
 
 @dataclass(frozen=True, kw_only=True)
 class Learnt:
@@ -33,15 +35,16 @@ class Learnt:
 
 def learnt_from(memory: np.ndarray, gains: ControlGains) -> Learnt:
     """Read a ``memory`` of shape (1,), dtype SUPERVISION, after a sample with these ``gains``."""
-    one, left = memory[0], float(memory[0].suspension.left)
-    masses = one.learnt.masses[: int(one.learnt.jumps)]
+    learnt, suspension = memory['learnt'], memory['suspension']
+    left = float(suspension['left'][0])
+    masses = learnt['masses'][0, : int(learnt['jumps'][0])].tolist()
     is_known = len(masses) > 0
     return Learnt(
-        mass=gains.m * float(one.learnt.mass) if is_known else math.nan,
-        mass_spread=gains.m * float(np.ptp(masses)) if is_known else math.nan,
-        used_mass=gains.m * (float(mass_scale(one.learnt, gains.options)) if is_known else 1.0),
-        delay=gains.time_step * float(one.learnt.delay) if is_known else math.nan,
-        velocity_noise=float(one.noise.velocity.sd),
+        mass=gains.m * float(learnt['mass'][0]) if is_known else math.nan,
+        mass_spread=gains.m * (max(masses) - min(masses)) if is_known else math.nan,
+        used_mass=gains.m * (float(scale_of(learnt[0], gains.options)) if is_known else 1.0),
+        delay=gains.time_step * float(learnt['delay'][0]) if is_known else math.nan,
+        velocity_noise=float(memory['noise']['velocity']['sd'][0]),
         suspended=gains.time_step * left,
-        is_suspended_anew=bool(left > 0.0 and left == one.suspension.back_off),
+        is_suspended_anew=left > 0.0 and left == float(suspension['back_off'][0]),
     )

@@ -28,7 +28,6 @@ class SampledController:
         )
         self.change(gains)
         self.forget()
-        self.learnt()  # compiles what reads it
 
     def change(self, gains: ControlGains) -> None:
         """Use other gains from the next sample on."""
@@ -47,7 +46,7 @@ class SampledController:
     @property
     def suspended(self) -> bool:
         """Whether the supervision suspends impulses."""
-        return bool(self._memory[0].suspension.left > 0.0)
+        return bool(self._memory['suspension']['left'][0] > 0.0)
 
     def learnt(self) -> Learnt:
         """Return what the supervision has learnt."""
