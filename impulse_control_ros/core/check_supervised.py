@@ -6,17 +6,17 @@ supervision has learnt from all previous samples. A second formulation would rep
 supervision, so the kernel answers the same measured samples and its impulses are compared. These
 checks do not find an error of the kernel. The bounds of the area are independent of it:
 
-=======================  ====  ====================================================
+=======================  ====  =====================================================
 guard                    unit  bounds of the area J
-=======================  ====  ====================================================
+=======================  ====  =====================================================
 position zero            N s   against the motion, up to 2 alpha r
-velocity zero, sticking  N s   towards the set-point, c_event beta (1 to sqrt(r))
-=======================  ====  ====================================================
+velocity zero, sticking  N s   towards the set-point, c_event beta (TRIAL to sqrt(r))
+=======================  ====  =====================================================
 
-r is the upper one of mass_ratio_limits, 1 without learn_mass. The motion is that of the measured
-velocity or of the difference of positions, of which the law uses one. After the first impulse that
-differs, the memory of the law is not that of the controller: what follows is unknown, until the
-controller starts again.
+r is the upper one of mass_ratio_limits, 1 without learn_mass; TRIAL is the share of the area after
+a suspension. The motion is that of the measured velocity or of the difference of positions, of
+which the law uses one. After the first impulse that differs, the memory of the law is not that of
+the controller: what follows is unknown, until the controller starts again.
 """
 
 from collections.abc import Mapping
@@ -27,6 +27,7 @@ from impulse_control_ros.core.check_guards import before, Commands, guard_checks
 from impulse_control_ros.core.check_report import bounded, Check, Gains, PerSample, ROUNDING
 from impulse_control_ros.core.control_law import COMMAND, POSITION_ZERO
 from impulse_control_ros.core.replay import answered, Piece
+from impulse_control_ros.core.supervision import TRIAL
 
 HOW = 'against the law itself'
 
@@ -87,7 +88,7 @@ def bounds_check(commands: Commands, of: PerSample, towards: np.ndarray) -> Chec
     speeds = v, np.where(commands.fresh, v, mean), np.zeros(len(v))
     gain = 2 * of('alpha_ratio') * of('m') * most
     against = -gain * np.maximum.reduce(speeds), -gain * np.minimum.reduce(speeds)
-    ends = np.sort((towards, towards * np.sqrt(most)), axis=0)
+    ends = np.sort((TRIAL * towards, towards * np.sqrt(most)), axis=0)
     lower, upper = (
         np.where(commands.guard == POSITION_ZERO, *pair)
         for pair in zip(against, ends, strict=True)

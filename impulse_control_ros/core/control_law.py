@@ -147,12 +147,14 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
     is_supervised = False if options is None else options.supervision != 0.0
     if is_supervised:
         memory.estimated = 0.0 if is_measured and options.estimates == 0.0 else 1.0
-        if state.started == 0.0:
+        if state.started == 0.0 or memory.learnt.inverse_m == 0.0:
             begin_supervision(memory, options, error, velocity)
         else:
             observe(memory, state, gains, options, position, error, velocity, exact)
         free, verdict, ratio = may_fire(memory), memory.verdict, memory.ratio
         gains = learnt_gains(gains, options, memory)
+    elif options is not None:  # it begins anew when it is switched on
+        memory.learnt.inverse_m, memory.learnt.mass = 0.0, 1.0
     guarded, braked, ahead = looked_at(gains, options, memory, position, velocity)
     direction = direction_of(state.direction, gains, options, guarded)
     rest_samples = state.rest_samples + 1.0 if direction == 0.0 else 0.0

@@ -121,13 +121,16 @@ SUPERVISION = record(
 
 @compiled
 def begin_supervision(memory, options, error, velocity):
-    """Start at the first sample, with a cleared memory of dtype SUPERVISION."""
-    flight = memory.flight
+    """Start at the first sample, or at the one at which supervision is switched on."""
+    flight, learnt, suspension = memory.flight, memory.learnt, memory.suspension
+    end_flight(flight)
+    flight.trend = learnt.jumps = learnt.delay = 0.0
+    suspension.strikes = suspension.left = suspension.back_off = suspension.trial = 0.0
     begin_noise(memory.noise, velocity)
     flight.by_difference, flight.level = memory.estimated, velocity
-    flight.size = flight.level_size = memory.learnt.mass = 1.0
-    memory.learnt.inverse_m = options.inverse_m
-    begin_response(memory.suspension, error)
+    flight.size = flight.level_size = learnt.mass = 1.0
+    learnt.inverse_m = options.inverse_m
+    begin_response(suspension, error)
 
 
 @compiled

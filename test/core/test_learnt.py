@@ -58,3 +58,13 @@ def test_the_node_reads_the_same_as_the_replay(made):
     assert law.learnt() == learnt_at([COUNT - 1], *run)[0]
     assert not law.suspended
     assert answered(position, velocity, pieces).tobytes() == answers.tobytes()
+
+
+def test_supervision_that_is_switched_on_in_mid_run_begins_there(made):
+    axis, off = made.plant, replace(made.gains, supervision=False)
+    on = replace(made.gains, x_r=0.3)
+    pieces = [Piece(0, axis, off, True, axis), Piece(15_000, axis, on, False, None)]
+    states, answers = run_again(30_000, pieces)
+    assert not answers['verdict'][:15_000].any()
+    assert {*answers['verdict'][15_000:]} == {0, 1}
+    assert abs(states['position'][-1] - 0.3) < 1e-6
