@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.impulse_verdicts import CONFIRMED, NO_VERDICT, VERDICTS
 from impulse_control_ros.core.nonidealities import Actuator
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.simulate import Run, simulate
-from impulse_control_ros.core.supervision import CONFIRMED, NO_VERDICT, VERDICTS
 from impulse_control_ros.tools.figures import DOCS_DPI, save, STYLE
 
 AXIS = Plant(m=0.05, F_c=0.0, actuator=Actuator(delay=20))  # the gains assume 0.1 kg

@@ -60,15 +60,15 @@ import numpy as np
 
 from impulse_control_ros.core.control_gains import Gains, LawOptions
 from impulse_control_ros.core.jit import compiled, record, sign, to_fixed_tuple
+from impulse_control_ros.core.jump import mass_scale
 from impulse_control_ros.core.supervision import (
     begin_supervision,
-    mass_scale,
     may_fire,
     note_impulse,
-    note_turn,
     observe,
     TRIAL,
 )
+from impulse_control_ros.core.suspension import note_turn
 
 NO_IMPULSE, POSITION_ZERO, VELOCITY_ZERO, STICKING = range(4)
 GUARDS = ('', 'position_zero', 'velocity_zero', 'sticking')
@@ -161,6 +161,8 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
     guard = guard_met(state, gains, error, ahead - gains.x_r, direction)
     guard = armed(guard, state, options, direction, rest_samples)
     guard = guard if (state.hold == 0.0) & (gains.impulses != 0.0) & free else NO_IMPULSE
+    if is_supervised:
+        guard = guard if (memory.flight.age == 0.0) | (guard == STICKING) else NO_IMPULSE
     area = impulse_area(guard, gains, error, braked)
     owed = due(state.pending, area, error, guarded)
     owed = owed if gains.impulses != 0.0 else 0.0

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from impulse_control_ros.core.control_gains import ControlGains
-from impulse_control_ros.core.supervision import mass_scale
+from impulse_control_ros.core.jump import mass_scale
 
 scale_of = getattr(mass_scale, 'py_func', mass_scale)  # needs no compiling
 

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.metrics import (
     COUNTS,
     integral,
@@ -23,7 +24,6 @@ from impulse_control_ros.core.metrics import (
     stuck,
     work,
 )
-from impulse_control_ros.core.supervision import VERDICTS
 
 TOLERANCES = (1e-2, 1e-3)  # m
 

@@ -7,9 +7,9 @@ import numpy as np
 from impulse_control_ros.core.closed_loop import ClosedLoop, empty_trace, first_diverged, Trace
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import NO_IMPULSE
+from impulse_control_ros.core.impulse_verdicts import NO_VERDICT
 from impulse_control_ros.core.parameter import refusal
 from impulse_control_ros.core.plant import Plant
-from impulse_control_ros.core.supervision import NO_VERDICT
 from impulse_control_ros.core.tick import require_duration, ticks
 from impulse_control_ros.core.trajectory import Trajectory
 from impulse_control_ros.errors import DivergedError

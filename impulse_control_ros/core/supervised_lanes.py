@@ -22,7 +22,8 @@ from impulse_control_ros.core.control_law import (
     POSITION_ZERO,
 )
 from impulse_control_ros.core.jit import compiled, to_fixed_tuple
-from impulse_control_ros.core.supervision import note_impulse, note_turn
+from impulse_control_ros.core.supervision import note_impulse
+from impulse_control_ros.core.suspension import note_turn
 from impulse_control_ros.core.velocity_noise import pass_exact
 
 FIELDS = LawState._fields

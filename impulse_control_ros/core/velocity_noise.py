@@ -7,7 +7,8 @@ For the difference of noisy positions, w = (x - x_before) / dt, the mean is -7.5
 sigma_w = sqrt(2) sigma_x / dt. Only products in a row of three alternating second differences
 count, each larger than LEAST of the speed; the mean is corrected for those left out. A jump or a
 stop alternates at most once, so an exact sensor has a noise of exactly zero. Noise that the speed
-has hidden appears as SURPRISES far above what is learnt, and is then learnt fast.
+has hidden appears as SURPRISES far above what is learnt, and is then learnt fast. It is looked for
+at every sample once the speed has halved.
 
 =========  ==============  =====  ==========================================================
 symbol     name            unit   meaning
@@ -41,10 +42,11 @@ SIGNAL = record(
         for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd', 'surprises')
     ]
 )
-# pause: samples that are left out; count: samples since the last update
+# pause: samples that are left out; count: samples since the last update; speed [m/s]: largest
+# measured one, which hides the noise below LEAST of it
 NOISE = record(
     [
-        *((name, 'f8') for name in ('updates', 'count', 'pause')),
+        *((name, 'f8') for name in ('updates', 'count', 'pause', 'speed')),
         ('velocity', SIGNAL),
         ('difference', SIGNAL),
     ]
@@ -107,6 +109,10 @@ def next_noise(noise, velocity, difference, estimated):
     """Go on to the next sample [m/s]; ``estimated`` is 1 where the velocity is."""
     noise.count += 1.0
     noise.pause = max(noise.pause - 1.0, 0.0)
+    speed = 0.0 if estimated != 0.0 else abs(velocity)
+    if speed < 0.5 * noise.speed and noise.velocity.sd < LEAST * noise.speed:
+        noise.updates, noise.speed = min(noise.updates, KNOWN), speed
+    noise.speed = max(noise.speed, speed)
     if noise.updates == UPDATES and noise.count <= EVERY - LOOK:
         noise.velocity.value, noise.difference.value = velocity, difference
         return

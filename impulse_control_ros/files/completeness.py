@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.protocol import FOREIGN
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND, seconds
 from impulse_control_ros.files.joint_state_arrays import Messages, Origin
 from impulse_control_ros.files.run_choice import OneRun

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.metric_catalogue import SAMPLE_COLUMNS
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.atomic_write import replaced

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.protocol import (
     CommandHeader,
     parse_command,
     parse_state,
     StateHeader,
 )
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.cdr import (
     COMMANDED,

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from impulse_control_ros.core.control_law import GUARDS, NO_IMPULSE
+from impulse_control_ros.core.impulse_verdicts import NO_VERDICT, VERDICTS
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader
-from impulse_control_ros.core.supervision import NO_VERDICT, VERDICTS
 from impulse_control_ros.files.cdr import (
     COMMANDED,
     encode_float64_array,

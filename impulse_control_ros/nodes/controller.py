@@ -22,10 +22,10 @@ from impulse_control_ros.command_line import StopRequest
 from impulse_control_ros.core.age import Age, AgeLimit
 from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.free_running import StateRate, StateTimeout
+from impulse_control_ros.core.impulse_verdicts import NO_VERDICT
 from impulse_control_ros.core.protocol import name_of, new_id, parse_state, Reply, StateHeader
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.state_arbiter import StateArbiter
-from impulse_control_ros.core.supervision import NO_VERDICT
 from impulse_control_ros.core.tick import nanoseconds, seconds, to_ns
 from impulse_control_ros.errors import ParameterError, UnreadableError
 from impulse_control_ros.files.cdr import read_header

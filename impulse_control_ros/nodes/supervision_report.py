@@ -7,8 +7,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from impulse_control_ros.core.control_gains import ControlGains
-from impulse_control_ros.core.sampled_controller import SampledController
-from impulse_control_ros.core.supervision import (
+from impulse_control_ros.core.impulse_verdicts import (
     ABSENT,
     CONFIRMED,
     GROWING,
@@ -18,6 +17,7 @@ from impulse_control_ros.core.supervision import (
     STALLED,
     VERDICTS,
 )
+from impulse_control_ros.core.sampled_controller import SampledController
 
 DIGITS = 4  # of a learnt mass
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.control_law import GUARDS
-from impulse_control_ros.core.supervision import VERDICTS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.tick import seconds
 
 SHOWN = 5

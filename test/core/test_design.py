@@ -266,7 +266,7 @@ def test_an_encoder_shows_no_error_between_its_steps():
     experiment = load_experiment(CONFIG / 'encoder.yaml')
     for F_c, storms in ((1.14, False), (1.16, True)):
         axis = replace(experiment.plant, F_c=F_c)
-        gains = replace(experiment.gains, supervision=False)
+        gains = replace(experiment.gains, position_deadband=2.302e-4, supervision=False)
         assert (said(Level.NOTE, gains, axis) != []) == storms
         assert (at_rest(axis, gains) > 0) == storms
 

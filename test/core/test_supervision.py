@@ -12,13 +12,13 @@ from impulse_control_ros.core.closed_loop import ClosedLoop, empty_trace
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.control_law import NO_IMPULSE
 from impulse_control_ros.core.damping import Damping, KINDS
+from impulse_control_ros.core.impulse_verdicts import CONFIRMED, NO_VERDICT
 from impulse_control_ros.core.nonidealities import Actuator, Payload, Sensor
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.replay import learnt_at, Piece, run_again
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.simulate import simulate
 from impulse_control_ros.core.simulated_plant import SimulatedPlant
-from impulse_control_ros.core.supervision import CONFIRMED, NO_VERDICT
 from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.parameter_file import load_experiment
 from test.conftest import CONFIG

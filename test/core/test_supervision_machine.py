@@ -14,7 +14,8 @@ from impulse_control_ros.core.control_law import (
     POSITION_ZERO,
     STATES,
 )
-from impulse_control_ros.core.supervision import NO_VERDICT, SUPERVISION
+from impulse_control_ros.core.impulse_verdicts import NO_VERDICT
+from impulse_control_ros.core.supervision import SUPERVISION
 
 DT = 1e-3
 LOWER, UPPER = 0.25, 4.0

@@ -14,8 +14,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.protocol import CommandHeader, StateHeader
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.bag import BagWriter, PACKAGE, Topic

@@ -20,8 +20,8 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.protocol import parse_command, parse_node, parse_state
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.files.parameter_event import FIELDS as VALUES
 from impulse_control_ros.files.recording import read_bag

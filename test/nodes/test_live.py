@@ -145,7 +145,6 @@ def test_a_bad_value_in_a_set_changes_nothing_at_all(client, live):
 
 
 OTHER_VALUES = {
-    'mass_ratio_limits.lower': 0.5,
     'damping.kind': 'noise',
     'c': 1.0,
     'alpha_ratio': 0.75,

@@ -3,7 +3,7 @@
 import pytest
 from std_srvs.srv import Trigger
 
-from impulse_control_ros.core.supervision import VERDICTS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.files.recording import read_bag
 from test.nodes.runs import assert_replays, composed
 from test.processes import CONFIG

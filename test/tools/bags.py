@@ -8,10 +8,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from impulse_control_ros import __version__
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.protocol import CommandHeader, NodeHeader, StateHeader
 from impulse_control_ros.core.replay import run_again, spans
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.files.bag import BagWriter, PACKAGE
 from impulse_control_ros.files.cdr import encode_float64, FIELDS, JointStateLayout

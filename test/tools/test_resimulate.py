@@ -6,8 +6,8 @@ import json
 import pytest
 
 from impulse_control_ros.core.control_law import POSITION_ZERO
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.replay import Piece
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.files.cdr import JointStateLayout
 from test.command_lines import status_of
 from test.files.test_bag import RUN, START, STEP

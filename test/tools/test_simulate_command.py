@@ -18,8 +18,8 @@ import yaml
 from impulse_control_ros import __version__
 from impulse_control_ros.core import closed_loop
 from impulse_control_ros.core.control_law import GUARDS
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.simulate import simulate
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import stamp
 from impulse_control_ros.errors import DivergedError
 from impulse_control_ros.files.bag import PACKAGE

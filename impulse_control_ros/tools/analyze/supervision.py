@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impulse_control_ros.core.impulse_verdicts import VERDICTS
 from impulse_control_ros.core.learnt import Learnt
 from impulse_control_ros.core.replay import learnt_at
-from impulse_control_ros.core.supervision import VERDICTS
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError, ParameterError
 from impulse_control_ros.files.recording import Recording
