@@ -34,13 +34,19 @@ def write_experiment(path: Path, values: Mapping[str, Mapping[str, Any]]) -> Non
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings for dotted names; the inverse of `flattened`."""
+    """
+    Return nested mappings for dotted names; the inverse of `flattened`.
+
+    A name below another parameter, as a.b below a, stays dotted.
+    """
     tree: dict[str, Any] = {}
     for name, value in values.items():
-        *rooms, last = name.split('.')
+        *groups, last = name.split('.')
+        if any('.'.join(groups[: k + 1]) in values for k in range(len(groups))):
+            groups, last = [], name
         inner = tree
-        for room in rooms:
-            inner = inner.setdefault(room, {})
+        for group in groups:
+            inner = inner.setdefault(group, {})
         inner[last] = value
     return tree
 
