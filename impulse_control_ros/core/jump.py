@@ -18,7 +18,7 @@ n             delay           samples   from an impulse to its jump, beyond the 
 * A lag or effort_limit spreads a jump over many samples. So what the blocks rise above the trend
   is summed, with a slow decay. The jump is measured once the last third of its time adds nothing.
   The flight counts from the first area that leaves, and response_timeout from the last.
-* The mass is the median of the last five J / jump from jumps that clearly exceed the noise and the
+* Mass and delay are medians of the last five jumps that clearly exceed the noise and the
   change that friction makes in a sample.
 * An impulse is absent if no jump is seen for response_timeout samples. It is out of band if r is
   above 1.4, or below 0.6 for an axis that moved: friction may keep a resting axis from moving.
@@ -40,7 +40,7 @@ LOW, HIGH = 0.6, 1.4  # of the expected jump; above 1.66 alpha_ratio 0.6 is unst
 LONGEST = 64.0  # samples of a block
 TREND = 0.02  # share of a sample in the trend while an impulse is in flight
 NEAR = 0.05  # a learnt mass this near the assumed one changes nothing
-MASSES = 5
+JUMPS = 5
 
 FLIGHT = record(
     [
@@ -73,9 +73,10 @@ FLIGHT = record(
 )
 LEARNT = record(
     [
-        ('delay', 'f8'),  # [samples]
-        ('jumps', 'f8'),  # in masses
-        ('masses', 'f8', (MASSES,)),  # m / assumed m, the newest first
+        ('jumps', 'f8'),  # learnt from, up to JUMPS
+        ('delays', 'f8', (JUMPS,)),  # [samples] the newest first
+        ('delay', 'f8'),  # [samples] their median; before the first jump was measured, an estimate
+        ('masses', 'f8', (JUMPS,)),  # m / assumed m, the newest first
         ('mass', 'f8'),  # their median
         ('inverse_m', 'f8'),  # [1/kg] of the assumed m
     ]
@@ -96,7 +97,7 @@ def assume_mass(learnt, inverse_m):
     change = inverse_m / learnt.inverse_m
     learnt.inverse_m = inverse_m
     learnt.mass *= change
-    for i in range(MASSES):
+    for i in range(JUMPS):
         learnt.masses[i] *= change
 
 
@@ -261,23 +262,23 @@ def measure_jump(memory, state, gains, options, most, least, change, sd, mean, p
     if clear and rise > 10.0 * max(abs(change), abs(added)):
         late = flight.seen_age - 1.0 - flight.size * flight.first / rise
         late -= 0.5 if flight.by_difference != 0.0 else 0.0
-        learnt.delay = max(np.floor(late + 0.5), 0.0)
-        learn_mass(memory, options)
+        learn(memory, options, max(np.floor(late + 0.5), 0.0))
 
 
 @compiled
-def learn_mass(memory, options):
-    """Learn the mass from the ratio of a jump; the first jumps confirm the mass they give."""
+def learn(memory, options, delay):
+    """Learn delay and mass from a jump; the first jumps confirm the mass they give."""
     learnt = memory.learnt
     mass = mass_scale(learnt, options) / memory.ratio
     mass = min(max(mass, options.least_mass), options.most_mass)
     agrees = learnt.jumps > 0.0 and abs(mass - learnt.masses[0]) < 0.3 * mass
-    learnt.jumps = min(learnt.jumps + 1.0, float(MASSES))
+    learnt.jumps = min(learnt.jumps + 1.0, float(JUMPS))
     if memory.verdict == OUT_OF_BAND and agrees:
         learnt.jumps = 2.0  # the mass has changed: forget the older ones
-    for i in range(MASSES - 1, 0, -1):
-        learnt.masses[i] = learnt.masses[i - 1]
-    learnt.masses[0] = mass
+    for i in range(JUMPS - 1, 0, -1):
+        learnt.delays[i], learnt.masses[i] = learnt.delays[i - 1], learnt.masses[i - 1]
+    learnt.delays[0], learnt.masses[0] = delay, mass
+    learnt.delay = median_of(learnt.delays, learnt.jumps)
     learnt.mass = median_of(learnt.masses, learnt.jumps)
     if options.learn_mass != 0.0 and learnt.jumps <= 2.0:
         memory.verdict = CONFIRMED
