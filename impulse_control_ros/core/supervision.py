@@ -111,5 +111,5 @@ def may_fire(memory):
     flight, learnt, suspension = memory.flight, memory.learnt, memory.suspension
     is_hidden = flight.hidden != 0.0 and flight.at_rest != 0.0 and flight.seen == 0.0
     acts = learnt.jumps > 0.0 and flight.age > flight.sent_age + learnt.delay
-    joins = is_hidden and acts and memory.estimated == 0.0 and suspension.trial == 0.0
+    joins = is_hidden and acts and memory.estimated == 0.0 and suspension.back_off == 0.0
     return (flight.age == 0.0 or joins) and suspension.left == 0.0

@@ -6,10 +6,10 @@ When impulses are suspended.
 * So do eight impulses in a row on a resting axis that hardly bring it nearer: stalled.
 
 Impulses are suspended for 1 s, then 2, 4, ... 64 s. After that they have a part of their area,
-core/supervision.py TRIAL, until one is confirmed.
+core/supervision.py TRIAL, until one is confirmed; the whole where friction may have held the axis.
 """
 
-from impulse_control_ros.core.impulse_verdicts import CONFIRMED, GROWING, STALLED
+from impulse_control_ros.core.impulse_verdicts import ABSENT, CONFIRMED, GROWING, STALLED
 from impulse_control_ros.core.jit import compiled, record
 
 SUSPENSION = record(
@@ -19,7 +19,7 @@ SUSPENSION = record(
             'strikes',
             'left',  # [samples]
             'back_off',  # [samples] of the last suspension
-            'trial',  # whether no impulse was confirmed since
+            'trial',  # whether impulses have a part of their area, until one is confirmed
             'acted',  # impulses since the last turning point
             'bound',  # [m] error at the last turning point, at least
             'floor',  # [m]
@@ -54,7 +54,6 @@ def judge_error(memory, gains, size):
     if suspension.left > 0.0:
         suspension.left -= 1.0
         if suspension.left == 0.0:
-            suspension.trial = 1.0
             suspension.bound, suspension.acted = max(size, suspension.floor), 0.0
             begin_hops(suspension, size)
     if size > 1.1 * suspension.bound:
@@ -80,6 +79,8 @@ def judge(memory, gains):
         longer = max(2.0 * suspension.back_off, gains.sample_rate)
         suspension.back_off = min(longer, 64.0 * gains.sample_rate)
         suspension.left = suspension.back_off
+        held = memory.verdict == STALLED or memory.verdict == ABSENT
+        suspension.trial = 0.0 if held and memory.flight.at_rest != 0.0 else 1.0
         suspension.strikes = suspension.acted = 0.0
 
 
