@@ -4,15 +4,16 @@ Measure simulate() and simulate_batch() against a plain Python loop, in one run.
     python benchmarks/batch.py [--json] [--rounds N] [--runs N] [--large N]
 
 Table I at a time step of 1e-4, runs of 1 s, warm. A run-step is one step of one run; figures are
-ns per run-step and core, the median of the rounds, in which the cases are interleaved. The floor
-is what a Python loop costs at the least: the law and the exact step with everything hoisted, no
-friction, constant damping, nothing recorded. The last part runs --large runs, and shows wall
-time and the operating system's peak RSS against the number of run-steps.
+ns of CPU time per run-step, which other programs change less than the wall time: the median of the
+rounds, in which the cases are interleaved. The floor is what a Python loop costs at the least: the
+law and the exact step with everything hoisted, no friction, constant damping, nothing recorded.
+Cases without supervision are the law of the paper; the last column compares the supervised ones
+with them. The last part runs --large runs, and shows wall time and the operating system's peak RSS
+against the number of run-steps.
 """
 
 import argparse
 from collections.abc import Callable
-from functools import partial
 import json
 import math
 import resource
@@ -37,6 +38,8 @@ PLANTS = {
     'noise': Plant(F_c=0.0, damping=Damping(kind='noise')),
     'friction_noise': Plant(F_c=1.0, damping=Damping(kind='noise')),
 }
+MARK = '_supervised'
+PAPER, SUPERVISED = ControlGains(supervision=False), ControlGains()
 
 
 def python_loop() -> float:
@@ -63,41 +66,42 @@ def rows(runs: int) -> dict[str, np.ndarray]:
     return {'x_0': np.linspace(0.1, 0.5, runs), 'damping.seed': damping_seeds(1, runs)}
 
 
-def scalar(axis: Plant) -> Callable[[], object]:
+def scalar(axis: Plant, gains: ControlGains) -> Callable[[], object]:
     """Measure runs one after another, each recorded."""
 
     def measure() -> None:
         for _ in range(REPEATS):
-            simulate(axis, ControlGains(), SECONDS)
+            simulate(axis, gains, SECONDS)
 
     return measure
 
 
-def batch(axis: Plant, runs: int, threads: int) -> Callable[[], object]:
+def batch(axis: Plant, gains: ControlGains, runs: int, threads: int) -> Callable[[], object]:
     """Measure a batch on so many threads."""
 
     def measure() -> None:
         numba.set_num_threads(threads)
-        simulate_batch(axis, ControlGains(), SECONDS, rows(runs))
+        simulate_batch(axis, gains, SECONDS, rows(runs))
 
     return measure
 
 
 def cases(runs: int) -> dict[str, tuple[Callable[[], object], float]]:
-    """Return what is measured, and its run-steps per core."""
+    """Return what is measured, and its run-steps."""
     made: dict[str, tuple[Callable[[], object], float]] = {'python_loop': (python_loop, STEPS)}
     for name, axis in PLANTS.items():
-        made[f'scalar_{name}'] = scalar(axis), REPEATS * STEPS
-        made[f'batch_1_{name}'] = batch(axis, runs, 1), runs * STEPS
-        made[f'batch_all_{name}'] = batch(axis, runs, CORES), runs * STEPS / CORES
+        for gains, mark in ((PAPER, ''), (SUPERVISED, MARK)):
+            made[f'scalar_{name}{mark}'] = scalar(axis, gains), REPEATS * STEPS
+            made[f'batch_1_{name}{mark}'] = batch(axis, gains, runs, 1), runs * STEPS
+            made[f'batch_all_{name}{mark}'] = batch(axis, gains, runs, CORES), runs * STEPS
     return made
 
 
 def timed(measure: Callable[[], object]) -> float:
-    """Return the wall time [s]."""
-    began = time.perf_counter()
+    """Return the CPU time [s] of all threads, which other programs change little."""
+    began = time.process_time()
     measure()
-    return time.perf_counter() - began
+    return time.process_time() - began
 
 
 def growth(large: int) -> list[dict[str, float]]:
@@ -105,9 +109,9 @@ def growth(large: int) -> list[dict[str, float]]:
     numba.set_num_threads(CORES)
     found = []
     for runs, seconds in ((large // 100, 1.0), (large // 10, 1.0), (large, 0.1), (large, 1.0)):
-        wall = timed(
-            partial(simulate_batch, PLANTS['friction_noise'], ControlGains(), seconds, rows(runs))
-        )
+        began = time.perf_counter()
+        simulate_batch(PLANTS['friction_noise'], PAPER, seconds, rows(runs))
+        wall = time.perf_counter() - began
         found.append(
             {
                 'runs': runs,
@@ -131,20 +135,21 @@ def main() -> None:
     chosen = cases(options.runs)
     for measure, _ in chosen.values():
         measure()  # compile, and warm the caches
-    walls: dict[str, list[float]] = {name: [] for name in chosen}
+    times: dict[str, list[float]] = {name: [] for name in chosen}
     for _ in range(options.rounds):
         for name, (measure, _) in chosen.items():
-            walls[name].append(timed(measure))
+            times[name].append(timed(measure))
     result = {
-        name: median(walls[name]) / run_steps * 1e9 for name, (_, run_steps) in chosen.items()
+        name: median(times[name]) / run_steps * 1e9 for name, (_, run_steps) in chosen.items()
     }
     large = growth(options.large)
     if options.json:
         print(json.dumps({'ns': result, 'growth': large, 'cores': CORES}, indent=2))
         return
-    print(f'{"case":<26}{"ns per run-step and core":>26}{"x python loop":>15}')
+    print(f'{"case":<36}{"ns per run-step":>17}{"x python loop":>15}{"x paper":>9}')
     for name, ns in result.items():
-        print(f'{name:<26}{ns:>26.2f}{result["python_loop"] / ns:>15.1f}')
+        paper = f'{ns / result[name.removesuffix(MARK)]:9.2f}' if name.endswith(MARK) else ''
+        print(f'{name:<36}{ns:>17.2f}{result["python_loop"] / ns:>15.1f}{paper}')
     print(f'{"runs":>8}{"steps":>8}{"wall [s]":>10}{"ns":>8}{"peak RSS [MB]":>15}')
     for line in large:
         print(

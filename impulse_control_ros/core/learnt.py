@@ -17,11 +17,11 @@ class Learnt:
     What is learnt of an axis at a sample.
 
     ``mass`` [kg] is the median of the masses that the last jumps give, ``mass_spread`` [kg] the
-    difference between the largest and the least of them; both are nan before the first jump, and
-    so is ``delay`` [s], from an impulse to its jump. ``used_mass`` [kg] is the mass that impulses
-    are computed for, ``velocity_noise`` [m/s] the standard deviation, and ``suspended`` [s] the
-    time left until impulses act again. ``is_suspended_anew`` tells whether the suspension begins
-    at this sample.
+    difference between the largest and the least of them, and ``delay`` [s] the median of the times
+    from an impulse to its jump; all are nan before the first jump. ``used_mass`` [kg] is the mass
+    that impulses are computed for, ``velocity_noise`` [m/s] the standard deviation, and
+    ``suspended`` [s] the time left until impulses act again. ``is_suspended_anew`` tells whether
+    the suspension begins at this sample.
     """
 
     mass: float

@@ -198,7 +198,10 @@ METRICS = {
         lambda r: r.learnt_mass,
     ),
     'learnt_delay': Metric(
-        'learnt delay', 's', 'delay from an impulse to its jump', lambda r: r.learnt_delay
+        'learnt delay',
+        's',
+        'median of the delays from an impulse to its jump, of the last five jumps',
+        lambda r: r.learnt_delay,
     ),
     'work': Metric(
         'work of the effort',

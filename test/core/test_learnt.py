@@ -68,3 +68,19 @@ def test_supervision_that_is_switched_on_in_mid_run_begins_there(made):
     assert not answers['verdict'][:15_000].any()
     assert {*answers['verdict'][15_000:]} == {0, 1}
     assert abs(states['position'][-1] - 0.3) < 1e-6
+
+
+def test_supervision_that_is_switched_off_and_on_again_begins_anew(made):
+    axis = replace(made.plant, m=0.25)
+    off, again = replace(made.gains, supervision=False), replace(made.gains, x_r=0.3)
+    pieces = [
+        Piece(0, axis, made.gains, True, axis),
+        Piece(8000, axis, off, False, None),
+        Piece(9000, axis, again, False, None),
+    ]
+    states, _ = run_again(10_000, pieces)
+    run = states['position'], states['velocity'], pieces
+    known, anew, end = learnt_at([7999, 9000, 9999], *run)
+    assert known.mass == pytest.approx(0.25, rel=1e-2) == end.mass
+    assert math.isnan(anew.mass)
+    assert anew.used_mass == made.gains.m
