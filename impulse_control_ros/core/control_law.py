@@ -154,7 +154,8 @@ def control_step(state, gains, options, memory, position, velocity, exact=False)
         free, verdict, ratio = may_fire(memory), memory.verdict, memory.ratio
         gains = learnt_gains(gains, options, memory)
     elif options is not None:  # it begins anew when it is switched on
-        memory.learnt.inverse_m, memory.learnt.mass = 0.0, 1.0
+        memory.learnt.inverse_m = memory.learnt.jumps = memory.suspension.left = 0.0
+        memory.learnt.mass = 1.0
     guarded, braked, ahead = looked_at(gains, options, memory, position, velocity)
     direction = direction_of(state.direction, gains, options, guarded)
     rest_samples = state.rest_samples + 1.0 if direction == 0.0 else 0.0

@@ -56,7 +56,7 @@ NOISE = record(
 @compiled
 def begin_noise(noise, velocity):
     """Start at the first sample, with a cleared memory of dtype NOISE."""
-    noise.pause, noise.velocity.value = 3.0, velocity
+    noise.pause, noise.velocity.value = 4.0, velocity
 
 
 @compiled
