@@ -7,8 +7,8 @@ and wait for what they need, so the figures do not depend on the load of the mac
 
 `Robot` is what a controller of ours meets: states of the broadcaster (frame base_link, reliable,
 transient local, several joints, nan for what the hardware does not have), stamped by a manager on
-the wall clock; the efforts of a Float64MultiArray, held until the next one, which act ``delay``
-later. A share of the states may be lost on the way.
+the wall clock; the efforts of a Float64MultiArray, held until the next one. The axis below is that
+of scripts/ros2_control_loop.py, with its delay and lost states.
 
 `Manager` is what our plant meets: JointStateTopicSystem publishes a command for each period of the
 manager, reliable with depth 1. The effort is nan until a controller is active. The stamps are of
@@ -20,19 +20,15 @@ import math
 import time
 
 from builtin_interfaces.msg import Time
-import numpy as np
 from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from impulse_control_ros.core.nonidealities import Actuator
-from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.protocol import parse_command
-from impulse_control_ros.core.simulated_plant import SimulatedPlant
 from impulse_control_ros.core.tick import SECOND, to_ns
+from scripts.ros2_control_loop import respond, responses
 
-FINE = 5e-4  # s, a step of the axis
 BROADCAST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_AGAIN = 1.0  # s
 PAUSE = 0.01  # s between the cycles of a manager on the wall clock
@@ -46,55 +42,35 @@ def stamped(message, stamp_ns):
 
 class Robot:
     """
-    An axis of Table I at ``rate`` [Hz] behind ros2_control, and ``command_joints`` of its own.
+    An ``axis`` behind ros2_control, of a `DelayedAxis`, with two joints beside it.
 
-    Efforts act ``delay`` [s] late; ``lost`` is the share of the states that do not arrive, drawn
-    with ``seed``.
+    ``command_joints`` is the order of its effort controller.
     """
 
     joints = ('elbow', 'axis', 'wrist')
     command_joints = ('wrist', 'axis')
 
-    def __init__(self, client, rate, delay=5e-3, lost=0.0, seed=1):
-        self._client, self._steps, self._lost = client, round(1 / (rate * FINE)), lost
-        self._random = np.random.default_rng(seed)
-        actuator = Actuator(delay=round(delay / FINE))
-        self._axis = SimulatedPlant(Plant(x_0=0.0, time_step=FINE, actuator=actuator))
-        self._stamp, self._period = time.time_ns(), SECOND // rate
+    def __init__(self, client, axis):
+        self._client, self._axis, self._start = client, axis, time.time_ns()
         self.commands = client.listen('/joint_commands', JointState)
         self.arrays = client.listen('/forward_effort_controller/commands', Float64MultiArray, 1)
         self._states = client.node.create_publisher(JointState, '/joint_states', BROADCAST)
-        self.effort = 0.0
 
-    @property
-    def position(self):
-        return self._axis.measured()[0]
-
-    def state(self):
-        """Return what the broadcaster says of the present state."""
-        position, velocity = self._axis.measured()
+    def _state(self, position, velocity):
+        """Return what the broadcaster says of a state of the axis."""
         made = JointState(name=[*self.joints])
         made.header.frame_id = 'base_link'
         made.position, made.velocity = [9.0, position, 9.0], [math.nan, velocity, 9.0]
         made.effort = [math.nan] * 3
-        return stamped(made, self._stamp)
+        return stamped(made, self._start + self._axis.cycles * SECOND // self._axis.rate)
 
-    def cycle(self):
-        """Do a cycle of the manager; return whether an impulse was commanded."""
-        guard = ''
-        self._stamp += self._period
-        if self._random.random() >= self._lost:
-            guard = self._answered(self.state())
-        for _ in range(self._steps):
-            self._axis.step(self.effort)
-        return bool(guard)
-
-    def _answered(self, state):
-        """Publish a state until its command has arrived, take the effort, return the guard."""
+    def _answer(self, position, velocity):
+        """Publish a state until its command has arrived; return effort and whether it is begun."""
+        state = self._state(position, velocity)
         self.commands.clear()
         asked = -math.inf
 
-        def answer():
+        def answered():
             nonlocal asked
             if time.monotonic() > asked + ASK_AGAIN:
                 asked = time.monotonic()
@@ -104,19 +80,22 @@ class Robot:
             # an array says of no state that it answers it
             return self.arrays and [*self.arrays[-1].data] == efforts and found
 
-        command = self._client.spin_until(answer, 'the command and its effort')[0]
-        self.effort = self.arrays[-1].data[1]
+        command = self._client.spin_until(answered, 'the command and its effort')[0]
+        effort = self.arrays[-1].data[1]
         del self.arrays[:-1]
-        return parse_command(command.header.frame_id).guard
+        return effort, bool(parse_command(command.header.frame_id).guard)
 
-    def respond(self, x_r, duration):
-        """Give the controller a set-point; return errors [m] and impulses of all cycles [bool]."""
+    def _set(self, x_r):
         assert self._client.set('controller', x_r=x_r).successful
-        errors, impulses = [], []
-        for _ in range(round(duration * SECOND / self._period)):
-            errors.append(self.position - x_r)
-            impulses.append(self.cycle())
-        return np.array(errors), np.array(impulses)
+
+    def responses(self, count, last):
+        """Yield the responses to ``count`` set-points."""
+        return responses(self._axis, self._answer, self._set, count, last)
+
+    def respond(self, x_r, last):
+        """Give the controller a set-point; return the response."""
+        self._set(x_r)
+        return respond(self._axis, self._answer, x_r, last)
 
 
 class Manager:

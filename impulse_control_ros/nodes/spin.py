@@ -9,6 +9,7 @@ executor can crash, so the executor, the nodes and the context are shut down in 
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+import inspect
 import sys
 from time import perf_counter, sleep
 from typing import Any
@@ -130,6 +131,8 @@ def main(
         # the error may already start with the name of the node
         where = '' if str(error).startswith(f'{prog}: ') else f'{prog}: '
         return leave(nodes, where + first_line(error), 2)
+    # else rclpy's first log line does this, and a robot waits tens of ms for its first effort
+    inspect.getmodule(inspect.currentframe())
     try:
         spin(nodes, stop, between)
     except (BagError, OSError) as error:

@@ -6,18 +6,14 @@ from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
-import yaml
 
 from impulse_control_ros.core.protocol import FOREIGN, parse_state
+from scripts.ros2_control_loop import CONFIG, DelayedAxis, KHZ, simulated
 from test.nodes.runs import assert_replays, stamp_of
-from test.processes import ROOT
 from test.ros2_control_peer import Manager, Robot
 
-EXAMPLE = ROOT / 'examples' / 'ros2_control'
-CONFIG = EXAMPLE / 'axis.yaml'
-GIVEN = yaml.safe_load(CONFIG.read_text())
 REMAPPED = '--ros-args', '-r', 'effort_commands:=/forward_effort_controller/commands'
-DURATION, AT_REST = 0.5, 0.3  # s, of a response and until it is to be over
+DURATION = 0.5  # s, of a response
 
 
 def controller(graph, **parameters):
@@ -27,54 +23,44 @@ def controller(graph, **parameters):
     return graph.start('controller', *REMAPPED, config=CONFIG, **given)
 
 
-def responses(robot, count):
-    """Yield step [m], error [m] beyond the set-point, and impulses [bool] of each response."""
-    random = np.random.default_rng(1)
-    for k in range(count):
-        step = float(random.uniform(0.3, 0.55) * (-1) ** k)
-        errors, impulses = robot.respond(robot.position + step, DURATION)
-        yield abs(step), errors * np.sign(step), impulses
+def assert_moves_as_simulated(robot, axis, count, **changed):
+    """Assert that each response is that of the loop without ROS, to the bit."""
+    expected = simulated(axis, count, DURATION, **changed)
+    for found, other in zip(robot.responses(count, DURATION), expected, strict=True):
+        assert found.errors.tobytes() == other.errors.tobytes()
+        assert np.array_equal(found.impulses, other.impulses)
+    assert any(one.impulses.any() for one in expected)
 
 
-def test_every_response_settles_behind_a_manager_of_500_hz_and_5_ms_and_the_bag_replays(
+# test/scripts/test_ros2_control_loop.py has what holds of the responses
+def test_behind_a_manager_of_500_hz_and_5_ms_the_axis_moves_as_simulated_and_the_bag_replays(
     graph, client
 ):
     process, bag = controller(graph), graph.folder / 'bag'
     recorder = graph.start('recorder', config=CONFIG, bag=bag)
-    robot = Robot(client, 500)
+    robot = Robot(client, DelayedAxis(500))
     client.reported('recorder', written=0)
-    period = GIVEN['/**/controller']['ros__parameters']['time_step']
-    figures = []
-    for _, errors, impulses in responses(robot, 20):
-        out = np.flatnonzero(np.abs(errors) > 0.01)
-        resting = impulses[round(AT_REST / period) :].sum()
-        figures.append(((out[-1] + 1) * period, errors.max(), resting))
-    settled, overshoot, resting = np.transpose(figures)
-    print(f'settled {settled.min()} to {settled.max()} s, overshoot up to {overshoot.max()} m')
-    assert settled.max() < AT_REST
-    assert overshoot.max() < 0.015
-    assert resting.max() == 0
+    assert_moves_as_simulated(robot, DelayedAxis(500), 2)
+    report = client.reported('controller', learnt_delay='0.006')
+    assert float(report['learnt_mass']) == pytest.approx(0.1, rel=0.05)
     for node in (recorder, process):
         assert node.interrupt() == 0, node.output
+    assert process.output.count('the loop delays impulses by 3 samples, 0.006 s') == 1
+    assert process.output.count('[WARN]') == 1  # D is above the critical one
     assert_replays(bag, '--controller')
 
 
-def test_no_excursion_at_1_khz_with_a_sixth_of_the_states_lost_exceeds_twice_the_step(
-    graph, client
-):
-    process = controller(graph, time_step=0.001, position_deadband=4e-3, stiction_wait_samples=10)
-    robot = Robot(client, 1000, lost=0.17)
-    excursions = [np.abs(errors).max() / step for step, errors, _ in responses(robot, 8)]
-    print(f'excursions up to {max(excursions)} times the step')
-    assert max(excursions) < 2.0
-    lost = int(client.reported('controller')['lost'])
-    assert lost > 0
+def test_at_1_khz_with_a_sixth_of_the_states_lost_the_axis_moves_as_simulated(graph, client):
+    process = controller(graph, **KHZ)
+    robot = Robot(client, DelayedAxis(1000, lost=0.17))
+    assert_moves_as_simulated(robot, DelayedAxis(1000, lost=0.17), 1, **KHZ)
+    assert int(client.reported('controller')['lost']) > 0
     assert process.interrupt() == 0
 
 
 def test_the_last_effort_is_zero_on_deactivation_without_states_and_at_the_end(graph, client):
     process = controller(graph, lifecycle=True, state_timeout=0.2)
-    robot = Robot(client, 500)
+    robot = Robot(client, DelayedAxis(500))
     client.activate()
     robot.respond(0.5, 0.05)
 
@@ -99,6 +85,10 @@ def plant(graph, **parameters):
     return graph.start(
         'plant_simulator', '--ros-args', '-r', '__ns:=/hardware', config=CONFIG, **parameters
     )
+
+
+def run_of(state):
+    return parse_state(state.header.frame_id).run
 
 
 def efforts(manager):
@@ -135,8 +125,11 @@ def test_a_manager_on_the_wall_clock_commands_our_plant_and_each_may_restart(gra
     assert below.totals['ignored'] > 0  # without an effort
     assert below.totals['stale'] == below.totals['rejected'] == below.totals['lost'] == 0
     assert '[ERROR]' not in below.output
+    last = manager.states[-1]
     below = plant(graph)
     commands(manager, -2.0)
+    assert run_of(manager.states[-1]) != run_of(last)
+    assert stamp_of(manager.states[0]) > stamp_of(last)
     assert below.interrupt() == 0
     assert below.totals['accepted'] > 0
     assert below.totals['stale'] == below.totals['rejected'] == below.totals['lost'] == 0

@@ -326,6 +326,13 @@ def test_a_bag_without_velocities_is_drawn_without_them(tmp_path, capsys):
         assert f'\n{METRICS[name].label}'.ljust(47) + '\n' in out
 
 
+def test_without_commands_the_response_begins_with_the_first_effort(tmp_path, capsys):
+    position, effort = np.full(100, 0.5), np.repeat([0.0, -1.0], 50)
+    position[50:] = np.linspace(0.5, 0.0, 50)
+    (got,) = responses(capsys, of_a_robot(tmp_path / 'bag', position, np.zeros(100), effort))
+    assert (got['start'], got['end']) == (pytest.approx(0.049), pytest.approx(0.099))
+
+
 UNSUPERVISED = ('learnt_mass', 'learnt_delay', 'suspended_time')
 UNKNOWN = {
     'position': (),

@@ -143,8 +143,12 @@ class Run:
         Return the spans of states from each change of x_r, or reset, to the next.
 
         The first begins with the first answered state: a plant may be there before a controller.
+        Where no command has the stamp of a state, it begins with the first effort that acts.
         """
-        answered = self.recording.places(self.recording.commands['stamp'][:1]).tolist() or [0]
+        answered = self.recording.places(self.recording.commands['stamp'][:1]).tolist()
+        if not answered:
+            acted = np.flatnonzero(np.nan_to_num(self.states['effort']))
+            answered = [max(acted[0] - 1, 0)] if len(acted) else [0]
         starts = set(np.flatnonzero(self.states['is_reset']).tolist())
         starts |= {
             after.first
