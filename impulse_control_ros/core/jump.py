@@ -19,7 +19,8 @@ n             delay           samples   from an impulse to its jump, beyond the 
   is summed, with a slow decay. The jump is measured once the last third of its time adds nothing.
   The flight counts from the first area that leaves, and response_timeout from the last.
 * Mass and delay are medians of the last five jumps that clearly exceed the noise and the
-  change that friction makes in a sample.
+  change that friction makes in a sample. Once they are known, r below 0.6 on a resting axis is
+  what friction left of the jump, and teaches nothing.
 * An impulse is absent if no jump is seen for response_timeout samples. It is out of band if r is
   above 1.4, or below 0.6 for an axis that moved: friction may keep a resting axis from moving.
 """
@@ -259,7 +260,8 @@ def measure_jump(memory, state, gains, options, most, least, change, sd, mean, p
     fits = memory.ratio < HIGH and (memory.ratio > LOW or flight.at_rest != 0.0)
     clear, slow = rise > 10.0 * sd, abs(added) > 0.3 * most
     memory.verdict = CONFIRMED if fits or (clear and slow) else OUT_OF_BAND
-    if clear and rise > 10.0 * max(abs(change), abs(added)):
+    held = flight.at_rest != 0.0 and memory.ratio < LOW and learnt.jumps >= 2.0  # by friction
+    if clear and not held and rise > 10.0 * max(abs(change), abs(added)):
         late = flight.seen_age - 1.0 - flight.size * flight.first / rise
         late -= 0.5 if flight.by_difference != 0.0 else 0.0
         learn(memory, options, max(np.floor(late + 0.5), 0.0))
