@@ -27,18 +27,18 @@ class Moved:
         return {name: getattr(self, name) for name in ('time', 'position', 'velocity', 'effort')}
 
 
-def excited(plant, gains, limits):
-    """Return the motion of an axis at 1 kHz."""
+def excited(plant, gains, limits, period=PERIOD):
+    """Return the motion of an axis at 1 kHz, with a set-point each ``period`` [s]."""
     plant = replace(plant, time_step=1e-3)
     gains = replace(gains, time_step=1e-3, impulses=False, x_r=plant.x_0)
     axis, controller = SimulatedPlant(plant), SampledController(gains)
     motion = Excitation(limits, gains.K, gains.D, gains.x_r, plant.x_0)
-    rows, told = [], -PERIOD
+    rows, told = [], -period
     for tick in range(round(LONGEST / plant.time_step)):
         time = tick * plant.time_step
         position, velocity = axis.measured()
         motion.watch(time, position)
-        if time >= told + PERIOD:
+        if time >= told + period:
             told, point = time, motion.next_set_point()
             if point is None:
                 return Moved(**dict(zip(Moved.__annotations__, np.array(rows).T, strict=True)))

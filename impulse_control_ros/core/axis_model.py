@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 
+from impulse_control_ros.core.axis_motion import Motion, motion_of, smoothing_of
 from impulse_control_ros.core.axis_record import Samples
 from impulse_control_ros.core.identification import SYMMETRIC
 from impulse_control_ros.core.regression import Fit, fit, within_blocks
@@ -46,13 +47,23 @@ class AxisModel:
     def __init__(self, pieces: Sequence[Samples], held: str, has_offset: bool) -> None:
         self.pieces, self.held, self.has_offset = pieces, held, has_offset
         self._windows: dict[float, Windows] = {}
+        self._smoothings: list[float] = []
+        self._motions: list[Motion] = []
         self._fits: dict[tuple[float, str, bool], Fit | None] = {}
 
     def windows(self, window: float) -> Windows:
         """Return the windows of ``window`` [s]."""
         if window not in self._windows:
-            self._windows[window] = windows_of(self.pieces, window)
+            self._windows[window] = windows_of(self.motions(window), window)
         return self._windows[window]
+
+    def motions(self, window: float) -> list[Motion]:
+        """Return the motion of each piece for ``window`` [s], computed once for several."""
+        smoothings = [smoothing_of(piece, window) for piece in self.pieces]
+        if smoothings != self._smoothings:
+            self._smoothings = smoothings
+            self._motions = [motion_of(piece, window) for piece in self.pieces]
+        return self._motions
 
     def is_one_way(self, window: float) -> bool:
         """Return whether the motion has one direction only."""
@@ -184,11 +195,18 @@ class AxisModel:
         return (late, error) if error < windows.time_step.max() else (math.nan, math.inf)
 
     def shown_hold(self, window: float) -> str:
-        """Return the first of `HOLDS` whose timing is that of the motion, within two errors."""
+        """
+        Return the first of `HOLDS` whose timing is that of the motion, within two errors.
+
+        A timing of none of them is an error of the model, and shows nothing.
+        """
         late, error = self.delay(window)
         step = float(np.median([piece.time_step for piece in self.pieces]))
         if error > 0.15 * step:
             return self.held
         early = dict(zip(HOLDS, (0.0, 0.5 * step, step), strict=True))
         away = {held: abs(late - early[self.held] + early[held]) for held in HOLDS}
-        return next(held for held in HOLDS if away[held] <= min(away.values()) + 2.0 * error)
+        nearest = min(away.values())
+        if nearest > 0.25 * step + 2.0 * error:
+            return self.held
+        return next(held for held in HOLDS if away[held] <= nearest + 2.0 * error)

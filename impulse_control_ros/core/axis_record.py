@@ -1,5 +1,5 @@
 """
-Records of an axis, made ready for identification: uniform samples, direction, rest, noise.
+Records of an axis, made ready for identification: uniform samples and their noise.
 
 ==========  ==============  =======  ==========================================================
 symbol      name            unit     meaning
@@ -7,7 +7,6 @@ symbol      name            unit     meaning
 dt          time_step       s        sampling period
 q           encoder_step    m        step of the encoder
 s_x, s_v    ..._noise       m, m/s   standard deviations of the noise of position and velocity
-s           direction       1        mean of sign(v) over the sample that starts at t_k
 ==========  ==============  =======  ==========================================================
 """
 
@@ -20,6 +19,7 @@ import numpy as np
 from impulse_control_ros.core.identification import Record
 from impulse_control_ros.core.parameter import refusal
 
+AFTER = 'after'  # its time, an effort is held
 LEAST_SAMPLES = 50
 JITTER = 0.02  # of a sample: larger deviations from uniform times call for resampling
 GAP = 3.5  # samples: a longer step of the time divides a record
@@ -65,18 +65,21 @@ def record_of(source: Any, name: str = 'record') -> Record:
     Return a `Record` of a trajectory, or of a frame or mapping with named columns.
 
     Of a `Run`, the record has what the controller saw; of a `Recording`, states that no command
-    answers are left out. Raises `ParameterError` for a missing
-    column, lengths that differ, values that are not finite and times that do not increase.
+    answers are left out. The effort of both is a command, held until the next one. Raises
+    `ParameterError` for a missing column, lengths that differ, values that are not finite and
+    times that do not increase.
     """
+    held = None
     if isinstance(source, Record):
         columns: dict[str, Any] = {
             key: getattr(source, key) for key in ('time', 'position', 'effort', 'velocity')
         }
-        name = source.name
+        name, held = source.name, source.effort_held
     elif isinstance(source, Mapping) or hasattr(source, 'columns'):
         columns = {key: source.get(key) for key in ('position', 'effort', 'velocity')}
         columns['time'] = source['time'] if 'time' in source else getattr(source, 'index', None)
     else:
+        held = AFTER
         columns = {
             key: getattr(source, f'measured_{key}', getattr(source, key, None))
             for key in ('time', 'position', 'effort', 'velocity')
@@ -99,7 +102,7 @@ def record_of(source: Any, name: str = 'record') -> Record:
         raise refusal(
             f'{name}: time[{at}]', float(checked['time'][at]), 'later than the one before'
         )
-    return Record(**checked, velocity=arrays['velocity'], name=name)
+    return Record(**checked, velocity=arrays['velocity'], effort_held=held, name=name)
 
 
 def _checked(name: str, key: str, arrays: Mapping[str, np.ndarray | None]) -> np.ndarray:
@@ -198,7 +201,7 @@ def _is_exact(samples: Samples, fast: np.ndarray) -> bool:
     """Return whether the measured velocity shows its sign at each sample: no noise, no lag."""
     assert samples.velocity is not None
     length = max(round(LAG_SMOOTHING / samples.time_step / 3.0), 1)
-    speed = _derivative(smooth(samples.position, length), samples.time_step)
+    speed = derivative(smooth(samples.position, length), samples.time_step)
     late = np.abs(smooth(samples.velocity, length) - speed)
     moving = np.abs(speed) > FAST * np.abs(speed).max()
     typical = float(np.median(np.abs(speed[moving]))) if moving.any() else 0.0
@@ -226,34 +229,6 @@ def _drift(position: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(chunks[:, half:].mean(axis=1) - chunks[:, :half].mean(axis=1)))
 
 
-def direction_of(samples: Samples, smoothing: float) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return s (n,) over each sample, and whether the axis stands in it, bools (n,).
-
-    A measured velocity without noise gives the sign to the sample; else it is that of the
-    position, differentiated and smoothed over ``smoothing`` [s]. Standing is longer than half of
-    that, with a margin to either side, because the friction is then anything up to F_c.
-    """
-    length = max(int(round(smoothing / samples.time_step / 3.0)), 1)
-    speed = _derivative(smooth(samples.position, length), samples.time_step)
-    rms = float(np.sqrt(np.mean(speed**2)))
-    measured, exact = samples.velocity, samples.is_exact
-    margin = 0 if exact else (3 * length) // 2 + 1
-    if exact and measured is not None:
-        speed, least = measured, 0.0
-    else:
-        # the derivative of a triple box of total length 3 L on white noise of the position
-        noise = np.sqrt(samples.variance * 1.5 / (3 * length) ** 3) * 6.0 / samples.time_step
-        least = max(4.0 * float(noise), REST * rms)
-    following = np.append(speed[1:], speed[-1])
-    total = np.abs(speed) + np.abs(following)
-    direction = (speed + following) / np.where(total > 0.0, total, 1.0)
-    standing = _long_runs(np.abs(speed) <= least, 1 if exact else margin)
-    if exact:  # the friction of a sample in which the axis stops is unknown too
-        standing = np.append(standing[1:], standing[-1])
-    return direction, _widened(standing, margin)
-
-
 def smooth(signal: np.ndarray, length: int) -> np.ndarray:
     """Return a signal smoothed by three boxes of ``length`` samples (made odd), without delay."""
     half = length // 2
@@ -261,30 +236,13 @@ def smooth(signal: np.ndarray, length: int) -> np.ndarray:
         return signal
     for _ in range(3):
         ends = 2.0 * signal[0] - signal[half:0:-1], 2.0 * signal[-1] - signal[-2 : -half - 2 : -1]
-        padded = np.concatenate([[0.0], ends[0], signal, ends[1]]).cumsum()
-        signal = (padded[2 * half + 1 :] - padded[: -2 * half - 1]) / (2 * half + 1)
+        padded = np.concatenate([[0.0], ends[0], signal, ends[1]])
+        padded.cumsum(out=padded)
+        signal = padded[2 * half + 1 :] - padded[: -2 * half - 1]
+        signal /= 2 * half + 1
     return signal
 
 
-def _derivative(signal: np.ndarray, time_step: float) -> np.ndarray:
+def derivative(signal: np.ndarray, time_step: float) -> np.ndarray:
+    """Return the derivative of a signal by central differences."""
     return np.asarray(np.gradient(signal, time_step))
-
-
-def _long_runs(mask: np.ndarray, least: int) -> np.ndarray:
-    """Return ``mask`` without its runs shorter than ``least`` samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    kept = np.zeros(len(mask) + 1, int)
-    for side, change in ((0, 1), (1, -1)):
-        long = edges[1::2] - edges[::2] >= least
-        np.add.at(kept, edges[side::2][long], change)
-    return np.asarray(kept[:-1].cumsum() > 0)
-
-
-def _widened(mask: np.ndarray, margin: int) -> np.ndarray:
-    """Return ``mask`` with ``margin`` samples more at each side of its runs."""
-    if margin == 0 or not mask.any():
-        return mask
-    count = np.concatenate([[0], mask.cumsum()])
-    place = np.arange(len(mask))
-    later, earlier = np.minimum(place + margin + 1, len(mask)), np.maximum(place - margin, 0)
-    return np.asarray(count[later] > count[earlier])

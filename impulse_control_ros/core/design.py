@@ -311,7 +311,7 @@ def _on_friction(gains: ControlGains, plant: Plant) -> Iterator[Finding]:
             )
         return
     if gains.supervision:
-        return  # it suspends impulses that do not move the axis
+        return  # it ends impulses that do not release the axis, whatever the dead band
     quiet = quiet_error(
         gains, friction, max(plant.m, plant.m + plant.payload.mass), plant.actuator.time_constant
     )

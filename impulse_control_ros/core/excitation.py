@@ -162,12 +162,15 @@ class Excitation:
                 speed = share * limits.speed / max(ratio / HEADROOM, 1.0)
                 margin = max(limits.margin, 1.5 * overshoot * speed)
                 end = limits.high - margin if side > 0.0 else limits.low + margin
+                start = self.set_point
                 for point in self._ramp(end, speed, RAMP):
                     if share == SPEEDS[0]:
                         lead = side * (self.set_point - self._position)
                         self._leads[side] = max(self._leads[side], lead)
                     yield point
-                if self._peak < 0.5 * speed:
+                # late set-points make a ramp slow, but the axis follows them
+                follows = self._highest - self._lowest >= 0.5 * abs(self.set_point - start)
+                if self._peak < 0.5 * speed and not follows:
                     self._refuse_to_go_on(side)
                 ratio = max(ratio, self._peak / speed)
                 beyond = (

@@ -38,13 +38,15 @@ class Record:
     The record of one axis: n samples, each signal of shape (n,).
 
     ``time`` [s], ``position`` [m], ``effort`` [N] and, where it is measured, ``velocity`` [m/s].
-    ``effort`` is held over the sample that starts at its time. ``name`` is for messages.
+    ``effort_held`` is how the effort acts, see `identify`, or None where that is not known.
+    ``name`` is for messages.
     """
 
     time: np.ndarray
     position: np.ndarray
     effort: np.ndarray
     velocity: np.ndarray | None = None
+    effort_held: str | None = None
     name: str = 'record'
 
 

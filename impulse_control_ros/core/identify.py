@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from impulse_control_ros.core.axis_model import AxisModel
-from impulse_control_ros.core.axis_record import LEAST_SAMPLES, record_of, samples_of
+from impulse_control_ros.core.axis_record import AFTER, LEAST_SAMPLES, record_of, samples_of
 from impulse_control_ros.core.damping_profile import bound_of, damping_blocks
 from impulse_control_ros.core.identification import (
     ASYMMETRIC,
@@ -60,9 +60,10 @@ def identify(
 
     ``effort_scale`` multiplies the effort. ``effort_held`` says how an effort acts: over the
     sample ``after`` its time or ``before`` it, or ``sampled`` of a signal that changes between
-    samples. By default it is what the timing of the motion shows, and ``after`` where that shows
-    nothing. ``window`` [s] is T; by default the data choose it. ``has_offset`` = False is for an
-    axis that is known to have no constant force; then one direction of motion gives F_c.
+    samples. By default it is ``after`` for the commands of a `Run` or `Recording`; else what the
+    timing of the motion shows, and ``after`` where that shows nothing. ``window`` [s] is T; by
+    default the data choose it. ``has_offset`` = False is for an axis that is known to have no
+    constant force; then one direction of motion gives F_c.
 
     Raises `ParameterError` for an argument or a record that cannot be used: fewer than 50 samples,
     times that do not increase, values that are not finite, a missing column.
@@ -82,7 +83,9 @@ def identify(
     ]
     if not pieces:
         raise refusal('records', len(known), f'of {LEAST_SAMPLES} samples or more without a gap')
-    model = AxisModel(pieces, effort_held or 'after', has_offset)
+    holds = {one.effort_held for one in known}
+    effort_held = effort_held or (holds.pop() if len(holds) == 1 else None)
+    model = AxisModel(pieces, effort_held or AFTER, has_offset)
     chosen = window or model.best_window()
     timing = model.timing_window(chosen)
     if effort_held is None:
@@ -151,10 +154,11 @@ def _blocks(model: AxisModel, window: float) -> DampingBlocks:
     """Return d by blocks of 30 ms, or of T if the position is too coarse for that."""
     least = 4.0 * max(one.time_step for one in model.pieces)
     length = max(BLOCK, least, window if model.attenuation(BLOCK) > 0.1 else 0.0)
-    windows = windows_of(model.pieces, length, spacing=1.0)
+    windows = windows_of(model.motions(length), length, spacing=1.0)
     values, covariance = model.values(window)
     force = model.lacking_force(window)
-    return damping_blocks(windows, windows.effort(model.held), values, covariance, force)
+    step = np.array([piece.encoder_step for piece in model.pieces])[windows.piece]
+    return damping_blocks(windows, windows.effort(model.held), values, covariance, force, step)
 
 
 def _forces(model: AxisModel, window: float) -> FrictionCurve:

@@ -20,6 +20,7 @@ too small. So the covariance is that of a jackknife over clusters of about 1 s.
 """
 
 from dataclasses import dataclass
+import itertools
 import math
 from statistics import NormalDist
 
@@ -62,6 +63,7 @@ def fit(
     """
     Fit ``effort`` (k,) by ``regressors`` (k, p), of which the first two are inertia and damping.
 
+    ``clusters`` (k,) are 0, 1, ... in ascending order.
     The instruments are the effort and the regressors but the first. With ``blocks`` (k,), 0, 1,
     ..., d may differ from block to block: the instruments but that of d are made orthogonal to the
     damping in each block, and d is the mean. Raises `numpy.linalg.LinAlgError` if the instruments
@@ -120,11 +122,10 @@ def _by_cluster(
     left: np.ndarray, right: np.ndarray, clusters: np.ndarray, count: int
 ) -> np.ndarray:
     """Return the products of the columns, summed by cluster: shape (count, p, q)."""
-    sums = np.empty((count, left.shape[1], right.shape[1]))
-    for i in range(left.shape[1]):
-        for j in range(right.shape[1]):
-            sums[:, i, j] = np.bincount(clusters, left[:, i] * right[:, j], count)
-    return sums
+    ends = np.searchsorted(clusters, np.arange(count + 1))
+    return np.array(
+        [left[begin:end].T @ right[begin:end] for begin, end in itertools.pairwise(ends)]
+    )
 
 
 def _own(normal: np.ndarray, j: int) -> float:

@@ -7,7 +7,8 @@ A parameter is refused, in this order, if
 * the scaled regressors have a condition number above 30 and its own is not independent of them;
 * its own share of the effort is below the residual: what the model leaves unexplained could be
   taken for it, whatever its standard error;
-* its standard error is above 10 % of its value. Then its interval still holds.
+* its standard error is above 10 % of its value. Then its interval still holds;
+* it is m, d or F_c, and negative: the model is not the axis.
 
 A force known to 1 % of the rms effort is identified also where it is zero. Where d(t) varies, that
 is most of the residual. It says nothing against d then, which its blocks show, and the intervals
@@ -101,7 +102,7 @@ def _estimate(
     value, error = float(found.values[column]), float(found.errors[column])
     half = student(0.975, found.count - 1) * error
     is_known = UNITS[name] == 'N' and half < SMALL_FORCE * effort
-    why, holds = _reason(found, column, is_known, shown, varies)
+    why, holds = _reason(found, column, name, is_known, shown, varies)
     return Estimate(
         name=name,
         value=math.nan if why else value,
@@ -114,10 +115,10 @@ def _estimate(
 
 
 def _reason(
-    found: Fit, column: int, is_known: bool, shown: bool, varies: bool
+    found: Fit, column: int, name: str, is_known: bool, shown: bool, varies: bool
 ) -> tuple[str, bool]:
     """Return why a parameter is refused, or '', and whether its interval holds."""
-    value, error = abs(float(found.values[column])), float(found.errors[column])
+    value, error = float(found.values[column]), float(found.errors[column])
     share = float(found.share[column])
     if is_known and share < SMALL_FORCE:
         return '', True
@@ -134,8 +135,13 @@ def _reason(
             f'{found.residual:.1%}',
             varies,
         )
-    if error > LARGEST_ERROR * value and not is_known:
-        return f'its standard error is {error / value:.0%} of its value, at most 10 %', True
+    if error > LARGEST_ERROR * abs(value) and not is_known:
+        return f'its standard error is {error / abs(value):.0%} of its value, at most 10 %', True
+    if value < 0.0 and name != 'offset' and not is_known:
+        return (
+            f'its value is negative, {value:.3g} {UNITS[name]}: the model is not the axis',
+            False,
+        )
     return '', True
 
 

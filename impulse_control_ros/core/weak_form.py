@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from impulse_control_ros.core.axis_record import direction_of, Samples
+from impulse_control_ros.core.axis_motion import Motion
 
 # Weights of u_{k-1}, u_k, u_{k+1}: held over the sample after its time or the one before it, or a
 # sample of a signal that is linear in between.
@@ -32,11 +32,9 @@ HOLDS = {
     'sampled': (1 / 6, 4 / 6, 1 / 6),
     'before': (0.0, 1 / 2, 1 / 2),
 }
-LONGEST_SMOOTHING = 0.05  # s, for the sign of the velocity
 CLUSTER = 1.0  # s
 CLUSTERS = 20  # at least, of a short record
 STEADY = 0.06  # s over which d is taken as constant where it varies
-BLOCK = 1 << 22  # values of the windows in memory at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,15 +107,13 @@ def weights(n: int) -> np.ndarray:
     return (4.0 * s * (1.0 - s)) ** 3
 
 
-def windows_of(pieces: Sequence[Samples], window: float, spacing: float = 0.25) -> Windows:
-    """Return the windows of ``window`` [s] that lie in motion, ``spacing`` windows apart."""
-    found = [
-        part
-        for number, piece in enumerate(pieces)
-        for part in _piece_windows(piece, number, window, spacing)
-    ]
-    if not found:
-        found = [(np.zeros((0, 8)), np.zeros((0, 6)))]
+def windows_of(motions: Sequence[Motion], window: float, spacing: float = 0.25) -> Windows:
+    """
+    Return the windows of ``window`` [s] that lie in motion, ``spacing`` windows apart.
+
+    ``motions`` are those of all pieces.
+    """
+    found = [_windows_of(motion, number, window, spacing) for number, motion in enumerate(motions)]
     terms = np.concatenate([one for one, _ in found])
     facts = np.concatenate([one for _, one in found])
     return Windows(
@@ -126,8 +122,8 @@ def windows_of(pieces: Sequence[Samples], window: float, spacing: float = 0.25) 
         damping=terms[:, 1],
         forward=terms[:, 2],
         friction=terms[:, 3],
-        offset=terms[:, 4],
-        efforts=terms[:, 5:8],
+        efforts=terms[:, 4:7],
+        offset=facts[:, 6],
         noise=facts[:, 0],
         damping_noise=facts[:, 1],
         time=facts[:, 2],
@@ -137,50 +133,42 @@ def windows_of(pieces: Sequence[Samples], window: float, spacing: float = 0.25) 
     )
 
 
-def _piece_windows(
-    piece: Samples, number: int, window: float, spacing: float
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return terms (k, 8) and facts (k, 6) of the windows of one piece, in blocks."""
+def _windows_of(
+    motion: Motion, number: int, window: float, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return terms (k, 7) and facts (k, 7) of the windows of one piece."""
+    piece = motion.samples
     dt = piece.time_step
     n = max(round(window / dt), 4)
     phi = weights(n)
     size = n + 3  # phi_j belongs to sample j + 1 of the window
     if len(piece.position) < size:
-        return []
+        return np.zeros((0, 7)), np.zeros((0, 7))
     first, middle, last = (np.pad(phi, (at, 2 - at)) for at in (0, 1, 2))
     c1, c2 = 0.5 * (last - first), (last - 2.0 * middle + first) / dt
-    direction, standing = direction_of(piece, min(window, LONGEST_SMOOTHING))
-    ends = np.concatenate([[0], standing.cumsum()])
     stride = max(int(n * spacing), 1)
     starts = np.arange(0, len(piece.position) - size + 1, stride)
-    starts = starts[ends[starts + size] == ends[starts]]
-    change = 0.5 * (piece.position[2:] - piece.position[:-2])
-    side = 0.5 * (direction[1:] + direction[:-1])  # of the two samples that meet at t_k
-    forward = np.zeros_like(piece.position)
-    forward[1:-1] = 0.5 * (1.0 + side[:-1]) * change
-    friction = np.zeros_like(piece.position)
-    friction[1:] = side
-    signals = ((piece.position, (c2, c1)), (forward, (middle,)), (friction, (middle * dt,)))
-    effort = (piece.effort, (first * dt, middle * dt, last * dt))
-    found = []
-    rows = max(BLOCK // size, 1)
-    for at in range(0, len(starts), rows):
-        some = starts[at : at + rows]
-        parts = [
-            sliding_window_view(signal, size)[some] @ np.column_stack(columns)
-            for signal, columns in (*signals, effort)
-        ]
-        total = np.full((len(some), 1), dt * phi.sum())
-        deviation = math.sqrt(piece.variance)
-        facts = np.empty((len(some), 6))
-        facts[:] = (
-            deviation * np.linalg.norm(c2),
-            deviation * np.linalg.norm(c1),
-            0.0,
-            dt,
-            piece.index,
-            number,
+    moving = motion.stood[starts + size] == motion.stood[starts]
+    terms = [
+        # einsum, for BLAS copies windows that overlap
+        np.einsum('ki,ji->kj', sliding_window_view(signal, size)[::stride], np.array(columns))
+        for signal, columns in (
+            (piece.position, (c2, c1)),
+            (motion.forward, (middle,)),
+            (motion.friction, (middle * dt,)),
+            (piece.effort, (first * dt, middle * dt, last * dt)),
         )
-        facts[:, 2] = piece.start + (some + 0.5 * (size - 1)) * dt
-        found.append((np.concatenate([*parts[:3], total, parts[3]], axis=1), facts))
-    return found
+    ]
+    deviation = math.sqrt(piece.variance)
+    facts = np.empty((len(starts), 7))
+    facts[:] = (
+        deviation * np.linalg.norm(c2),
+        deviation * np.linalg.norm(c1),
+        0.0,
+        dt,
+        piece.index,
+        number,
+        dt * phi.sum(),
+    )
+    facts[:, 2] = piece.start + (starts + 0.5 * (size - 1)) * dt
+    return np.concatenate(terms, axis=1)[moving], facts[moving]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from impulse_control_ros.core.axis_record import AFTER
 from impulse_control_ros.core.identification import Record
 from impulse_control_ros.core.tick import SECOND
 from impulse_control_ros.errors import BagError, MissingPackageError, RecordError
@@ -52,8 +53,9 @@ def read_record(path: Path, reading: Reading) -> tuple[Record, list[str]]:
     """
     if path.suffix in TABLES:
         columns, notes = columns_of_table(path, reading.columns)
+        held = None
     else:
-        columns, notes = columns_of_bag(read_bag(path, **reading.selection), reading.as_is)
+        columns, notes, held = columns_of_bag(read_bag(path, **reading.selection), reading.as_is)
     columns['effort'] = reading.effort_scale * columns['effort']
     # the ends of a record may lack an effort
     whole = np.isfinite(columns['position']) & np.isfinite(columns['effort'])
@@ -69,14 +71,16 @@ def read_record(path: Path, reading: Reading) -> tuple[Record, list[str]]:
     lost = int(np.count_nonzero(~whole))
     if lost:
         notes.append(f'{lost} of {len(whole)} samples lack position or effort and are left out')
-    return Record(**columns, name=str(path)), notes
+    return Record(**columns, effort_held=held, name=str(path)), notes
 
 
 # -- bags -----------------------------------------------------------------------------------
 
 
-def columns_of_bag(recording: Recording, as_is: bool) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the columns of a recording, and sentences about it."""
+def columns_of_bag(
+    recording: Recording, as_is: bool
+) -> tuple[dict[str, np.ndarray], list[str], str | None]:
+    """Return the columns of a recording, sentences about it, and how its effort acts if known."""
     states = recording.states
     if not len(states):
         raise BagError('the bag has no states of the joint')
@@ -84,8 +88,9 @@ def columns_of_bag(recording: Recording, as_is: bool) -> tuple[dict[str, np.ndar
     if recording.unread is not None:
         notes.append(f'the bag was cut off: {recording.unread} bytes at its end cannot be read')
     effort = commanded(recording)
+    held: str | None = AFTER
     if np.count_nonzero(np.isfinite(effort)) < PLENTY * len(states):
-        effort = states['effort']
+        effort, held = states['effort'], None
         if not as_is:
             effort = np.append(effort[1:], effort[-1:])
         notes.append(
@@ -99,7 +104,7 @@ def columns_of_bag(recording: Recording, as_is: bool) -> tuple[dict[str, np.ndar
     }
     if np.isfinite(states['velocity']).all():
         columns['velocity'] = states['velocity']
-    return columns, notes
+    return columns, notes, held
 
 
 def commanded(recording: Recording) -> np.ndarray:

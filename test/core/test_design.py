@@ -250,6 +250,16 @@ def test_what_a_velocity_dead_band_hides_of_a_release_raises_the_note_up_to_doub
     assert 'above 0.000266667 m ends them' in text
 
 
+def test_supervision_ends_the_impulses_of_the_note_and_so_has_none():
+    axis = replace(ROUGH, time_step=1e-3)
+    late = {}
+    for gains in (ControlGains(time_step=1e-3), paper_gains(time_step=1e-3)):
+        events = simulate(axis, gains, 10.0).events
+        late[gains.supervision] = np.count_nonzero(events['tick'] >= 5_000)
+        assert (said(Level.NOTE, gains, axis) == []) == gains.supervision
+    assert late[True] < 0.01 * late[False]
+
+
 def test_an_encoder_shows_no_error_between_its_steps():
     q = 1e-4
     gains = paper_gains(velocity_deadband=1.0, position_deadband=1.5 * q)

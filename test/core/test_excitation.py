@@ -46,6 +46,12 @@ def test_an_axis_moves_in_both_directions_at_three_speeds_and_more_within_its_li
     assert moved.time[-1] < 40.0
 
 
+def test_an_axis_whose_set_points_come_late_moves_slowly_and_is_not_refused():
+    moved = excited(*AXES['friction'], replace(LIMITS, low=-0.1, high=0.2), period=3.0 * GAP)
+    assert np.abs(moved.velocity).max() <= LIMITS.speed
+    assert moved.set_point[-1] == moved.set_point[0]
+
+
 def test_a_late_set_point_lets_a_ramp_go_on_by_little():
     motion = Excitation(LIMITS, 10.0, 0.5, 0.0, 0.0)
     time, points = 0.0, []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import impulse_control_ros as ic
+from impulse_control_ros.core.axis_motion import motion_of
 from impulse_control_ros.core.axis_record import encoder_step, record_of, samples_of
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.damping import Damping
@@ -61,7 +62,7 @@ def test_a_run_with_impulses_identifies_the_ideal_axis(name, F_c):
 def test_one_stroke_with_an_encoder_gives_the_axis_though_no_errors():
     run = simulated('encoder', position_deadband=2.302e-4)
     pieces = samples_of(record_of(run), 0, 1.0)
-    windows = windows_of(pieces, 0.03)
+    windows = windows_of([motion_of(piece, 0.03) for piece in pieces], 0.03)
     m, d, F_c = fit(windows.symmetric[:, :3], windows.effort('after'), windows.clusters).values
     assert m == pytest.approx(0.1, rel=1e-3)
     assert d == pytest.approx(0.15, rel=2.7e-2)
@@ -206,7 +207,42 @@ def test_noise_is_that_of_the_position_beside_its_steps():
     assert samples.position_noise == pytest.approx(2e-5, rel=0.1)
 
 
+def wandering(resolution=0.0, **gains):
+    """Return the record of a hundred moves that turn in all ways, d = 0.5 N s/m."""
+    sensor = Sensor(resolution=resolution, velocity='none')
+    axis = replace(AXIS, F_c=0.3, sensor=sensor)
+    targets = np.random.default_rng(1).uniform(-0.3, 0.3, 100).tolist()
+    return moves(axis, replace(PD, **gains), targets, 0.5).record
+
+
+@pytest.mark.parametrize('resolution', [0.0, 2e-5, 1.5e-4])
+def test_turns_and_creeping_do_not_raise_the_bound_of_a_constant_damping(resolution):
+    found = identify(replace(wandering(resolution), effort_held='after'))
+    assert 0.5 <= found.d_bar < 1.5
+
+
+def test_a_timing_that_no_hold_explains_is_not_taken_for_one():
+    found = identify(wandering(2e-5, D=1.0))
+    assert found.effort_held == 'after'
+    assert found.parameters['d'].value == pytest.approx(0.5, rel=1e-3)
+
+
+def test_commands_are_held_after_their_time_whatever_the_timing_shows():
+    record = driven()
+    assert identify(record).effort_held == 'sampled'
+    commands = SimpleNamespace(time=record.time, position=record.position, effort=record.effort)
+    assert identify(commands).effort_held == 'after'
+
+
 # Refusals.
+
+
+def test_a_negative_damping_is_refused():
+    record = shaken()
+    pushed = record.effort - 2.0 * np.gradient(record.position, 1e-3)
+    found = identify(replace(record, effort=pushed, velocity=None))
+    assert 'its value is negative, -1.5' in found.parameters['d'].verdict
+    assert math.isnan(found.parameters['d'].value)
 
 
 def test_one_direction_identifies_the_mass_alone():

@@ -98,6 +98,7 @@ def test_the_effort_of_our_bag_is_that_of_the_commands(tmp_path):
     record, notes = read_record(bag, Reading())
     assert notes == []
     assert record.effort.tobytes() == run.effort.tobytes()
+    assert record.effort_held == 'after'
     assert record.position.tobytes() == run.position.tobytes()
     assert record.velocity.tobytes() == run.velocity.tobytes()
     assert np.allclose(record.time, run.time)
@@ -116,6 +117,7 @@ def test_the_effort_of_states_alone_acted_before_them_unless_it_is_taken_as_it_i
     record, notes = read_record(bag, Reading())
     assert record.effort[:-1].tobytes() == run.effort[:-1].tobytes()
     assert record.velocity is None
+    assert record.effort_held is None
     assert any('the effort is that of joint_states' in note for note in notes)
     record, _ = read_record(bag, Reading(as_is=True, selection={'joint': 'lift'}))
     assert record.effort.tobytes() == applied.tobytes()

@@ -1,5 +1,6 @@
 """``excite`` over real nodes: it moves, restores, and stops where it must."""
 
+import argparse
 import signal
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 from rcl_interfaces.msg import ParameterEvent
 from sensor_msgs.msg import JointState
 
+from impulse_control_ros.errors import UsageError
 from impulse_control_ros.files.recording import read_bag
+from impulse_control_ros.nodes.excite import add_options, limits_of
 from test.nodes.runs import composed
 
 STEP = 1e-3
@@ -121,12 +124,19 @@ def test_a_set_point_outside_of_the_travel_is_refused_before_anything_moves(grap
 @pytest.mark.parametrize(
     ('arguments', 'said'),
     [
-        (('--travel', 0.1, -0.1, '--max-speed', 1), '--travel 0.1 -0.1: LOW must be below HIGH'),
-        (('--travel', -0.1, 0.1, '--max-speed', 0), '--max-speed 0: must be > 0'),
-        (('--travel', -0.1, 0.1), 'the following arguments are required: --max-speed'),
+        ('--travel 0.1 -0.1 --max-speed 1', '--travel 0.1 -0.1: LOW must be below HIGH'),
+        ('--travel 0 inf --max-speed 1', '--travel 0 inf: LOW must be below HIGH, both finite'),
+        ('--travel -0.1 0.1 --max-speed 0', '--max-speed 0: must be > 0'),
     ],
 )
-def test_impossible_limits_are_refused(graph, arguments, said):
-    excite = graph.start('excite', *arguments)
+def test_impossible_limits_are_refused(arguments, said):
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    with pytest.raises(UsageError, match=said):
+        limits_of(parser.parse_args(arguments.split()))
+
+
+def test_bad_arguments_end_the_process_with_2(graph):
+    excite = graph.start('excite', '--travel', 0.1, -0.1, '--max-speed', 1)
     assert excite.wait() == 2
-    assert said in excite.output
+    assert '--travel 0.1 -0.1: LOW must be below HIGH' in excite.output

@@ -93,3 +93,17 @@ def test_each_node_takes_the_access_that_it_is_granted_and_no_more(graph, client
     for process in processes[1:]:
         assert process.interrupt() == 0
     assert processes[0].interrupt() == 0
+
+
+def test_excite_takes_the_access_that_it_is_granted_and_no_more(graph, client):
+    controller = graph.start('controller')
+    excite = graph.start('excite', '--travel', -1, 1, '--max-speed', 1, discovery_timeout=100.0)
+
+    def complete():  # with no plant there are no states, and excite waits for them
+        access = taken(client.node, 'excite')
+        assert access <= granted('excite')
+        return access == granted('excite')
+
+    client.spin_until(complete, 'the access that is granted')
+    assert excite.interrupt() == 1
+    assert controller.interrupt() == 0

@@ -44,15 +44,19 @@ def is_asymmetric(found: Identification) -> bool:
 def row_of(one: Estimate) -> tuple[str, ...]:
     """Return the cells of a parameter."""
     low, high = one.interval
-    known = one.is_identified
     return (
         one.name,
-        f'{one.value:.6g}' if known else '-',
+        shown(f'{one.value:.6g}', one.value),
         one.unit,
-        f'{low:.6g} to {high:.6g}' if known else '-',
-        f'{100.0 * one.share:.3g} %',
+        shown(f'{low:.6g} to {high:.6g}', low),
+        shown(f'{100.0 * one.share:.3g} %', one.share),
         one.verdict,
     )
+
+
+def shown(text: str, value: float) -> str:
+    """Return ``text`` about a value, or a dash if the value is not known."""
+    return text if math.isfinite(value) else '-'
 
 
 def facts_of(found: Identification) -> Iterator[str]:
