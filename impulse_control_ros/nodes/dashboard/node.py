@@ -101,9 +101,10 @@ class Dashboard(ParameterNode):
             self._active = header.controller
             self.run.add_state(now, header.run, to_ns(sec, nanosec), position, velocity, effort)
         for header, (sec, nanosec, position, velocity, area) in self.inputs.events():
-            self.run.add_impulse(
-                header.run, to_ns(sec, nanosec), position, velocity, area, header.guard
-            )
+            if header.guard or not header.verdict:  # else it only judges an earlier impulse
+                self.run.add_impulse(
+                    header.run, to_ns(sec, nanosec), position, velocity, area, header.guard
+                )
 
     def values(self, role: str) -> Mapping[str, Any]:
         """Return the parameters of the node of a role, by name; none if there is no such node."""
