@@ -69,9 +69,9 @@ class Rate:
         while len(points) > 2 and points[1][0] <= time - SPAN:
             points.popleft()
 
-    def value(self) -> float:
-        """Return the slope, 0 before there are two values."""
-        if len(self._points) < 2:
+    def value(self, now: float = -math.inf) -> float:
+        """Return the slope: 0 before there are two values, or if none has come lately."""
+        if len(self._points) < 2 or now > self._points[-1][0] + 2 * SPAN:
             return 0.0
         (first, before), (last, now) = self._points[0], self._points[-1]
         return (now - before) / (last - first)

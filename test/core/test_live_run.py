@@ -99,7 +99,8 @@ def test_the_rates_are_those_of_the_last_second(run):
         fill(run, 1, first=at)
         if at >= 1000 and at % 10 == 0:
             run.add_impulse('a', SECOND + at * MS, 0.0, 1.0, 0.1, 'sticking')
-    assert run.speed.value() == pytest.approx(1.0)
+    assert run.speed.value(now=3.0) == pytest.approx(1.0)
+    assert run.speed.value(now=5.1) == 0.0  # paused
     assert run.impulse_rate.value() == pytest.approx(100.0, rel=0.05)
 
 
