@@ -4,6 +4,7 @@ import argparse
 from importlib.util import find_spec
 import os
 import secrets
+import socket
 import sys
 from typing import Any
 import webbrowser
@@ -14,6 +15,7 @@ from impulse_control_ros.nodes.child import remappings
 from impulse_control_ros.nodes.spin import main as run_node, Maker
 
 LOCAL = ('127.0.0.1', 'localhost', '::1')
+ALL = ('0.0.0.0', '::')  # noqa: S104 (only compared)
 PORT = 8090
 
 
@@ -33,8 +35,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def address(host: str, port: int, token: str) -> str:
-    """Return the address of the page."""
-    name = f'[{host}]' if ':' in host else host
+    """Return the address of the page; on all addresses of this machine, by its name."""
+    name = socket.gethostname() if host in ALL else f'[{host}]' if ':' in host else host
     return f'http://{name}:{port}/' + (f'?token={token}' if token else '')
 
 
