@@ -79,30 +79,27 @@ class ControllerReport:
                 'of them: stop all but one',
                 throttle_duration_sec=20.0,
             )
+        suspended = controller.supervision.suspended
         is_bad = counts['withheld'] or controller.timeout.deserted or wrong
         level = (
             DiagnosticStatus.ERROR
             if is_bad
             else DiagnosticStatus.WARN
-            if counts['rejected'] or controller.supervision.suspended
+            if counts['rejected'] or suspended
             else DiagnosticStatus.OK
         )
-        message = (
-            wrong
-            or (
-                'not active'
-                if not controller.active
-                else 'answering'
-                if rate
-                else f'standing by for {name_of(other)}'
-                if other
-                else 'waiting for states'
-            )
-            + ', impulses suspended' * controller.supervision.suspended
+        message = wrong or (
+            'not active'
+            if not controller.active
+            else 'answering'
+            if rate
+            else f'standing by for {name_of(other)}'
+            if other
+            else 'waiting for states'
         )
         return (
             level,
-            message,
+            f'{message}, {suspended}' if suspended else message,
             {
                 'answered': answers.sent,
                 'impulses': answers.impulses,

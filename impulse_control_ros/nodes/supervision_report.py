@@ -52,7 +52,7 @@ class SupervisionReport:
     def begin(self) -> None:
         """Start with an empty memory of the law."""
         self._told, self._last, self._ratio, self._suspended = NO_VERDICT, NO_VERDICT, 0.0, False
-        self._delay = 0
+        self._delay, self._why = 0, ''
         self.parameters_changed()
 
     def parameters_changed(self) -> None:
@@ -69,6 +69,7 @@ class SupervisionReport:
         why = reason(verdict, ratio, used_mass, self._node.parameters)
         if learnt.is_suspended_anew:
             self.look(ended=True)
+            self._why = why
             self._logger.warning(f'impulses suspended for {learnt.suspended:g} s: {why}')
             self._suspended = True
         elif verdict != self._told:
@@ -90,9 +91,9 @@ class SupervisionReport:
             self._logger.info('impulses resumed')
 
     @property
-    def suspended(self) -> bool:
-        """Whether impulses are suspended."""
-        return self._law.suspended
+    def suspended(self) -> str:
+        """Why impulses are suspended; '' while they are not."""
+        return f'impulses suspended: {self._why}' if self._law.suspended else ''
 
     def values(self) -> dict[str, object]:
         """Return the values on /diagnostics."""

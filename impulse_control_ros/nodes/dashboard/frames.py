@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 import math
+from time import monotonic
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -40,6 +41,9 @@ class Frames:
             'impulses': known(run.impulses.columns(since[1])),
             **self._figures(),
         }
+        reports = self._dashboard.reports()
+        if seen.get('reports') != reports:
+            seen['reports'] = frame['reports'] = reports
         versions = [(role, peer.name, peer.version) for role, peer in peers.items()]
         if seen.get('versions') != versions:
             seen['versions'] = versions
@@ -54,9 +58,8 @@ class Frames:
             'fired': run.fired,
             'last': run.last,
             'impulse_rate': run.impulse_rate.value(),
-            'speed': run.speed.value(),
+            'speed': run.speed.value(monotonic()),
             'lost': dashboard.inputs.lost,
-            'reports': dashboard.reports(),
             'recording': {
                 'running': recording.running,
                 'state': recording.state,

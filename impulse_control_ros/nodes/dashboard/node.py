@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import parameter_value_to_python
 from rclpy.subscription import Subscription
@@ -42,6 +42,7 @@ LOOK = 0.5  # s between looks at the graph
 SILENT = 3.0  # s after the last report of a recorder, which has ended then
 ROLES = {'plant': JOINT_STATES, 'controller': JOINT_COMMANDS}
 BAGS = Path('runs')
+LEVELS = {DiagnosticStatus.WARN: 'warning', DiagnosticStatus.ERROR: 'error'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +152,7 @@ class Dashboard(ParameterNode):
     def _on_report(self, array: DiagnosticArray) -> None:
         for status in array.status:
             values = {item.key: item.value for item in status.values}
-            report = {'message': status.message, **values}
+            report = {'message': status.message, 'level': LEVELS.get(status.level, 'ok'), **values}
             for peer in self.peers.values():
                 if status.name == peer.name:
                     peer.report = report

@@ -8,7 +8,7 @@ const GUARDS = {position_zero: 'at e = 0', velocity_zero: 'at v = 0', sticking: 
 const element = (id) => document.getElementById(id);
 const model = (name) => Bokeh.documents[0].get_model_by_name(name);
 const waiting = new Map();  // what to do with an answer, by the number of its request
-let socket, asked = 0, bands = {}, lastFrame;
+let socket, asked = 0, bands = {}, reports = {}, lastFrame;
 
 // -- the connection ---------------------------------------------------------------------------
 
@@ -49,8 +49,8 @@ function take(message) {
     answered?.(message);
     return;
   }
-  draw(message);
   requestAnimationFrame(want);  // a hidden page asks for nothing
+  draw(message);
 }
 
 // -- what is drawn ----------------------------------------------------------------------------
@@ -76,11 +76,11 @@ function draw(frame) {
 /** Set the dead bands: horizontal ones over time, the one of the position in the phase plane. */
 function drawBands() {
   const {x_r: center, position_deadband: position, velocity_deadband: velocity} = bands;
-  if (position === null || velocity === null || center === null) return;
-  const visible = true;
-  model('position_band').setv({visible, bottom: center - position, top: center + position});
-  model('velocity_band').setv({visible, bottom: -velocity, top: velocity});
-  model('phase_band').setv({visible, left: -position, right: position});
+  const visible = [center, position, velocity].every(Number.isFinite);
+  const show = (name, ends) => model(name).setv(visible ? {visible, ...ends} : {visible});
+  show('position_band', {bottom: center - position, top: center + position});
+  show('velocity_band', {bottom: -velocity, top: velocity});
+  show('phase_band', {left: -position, right: position});
 }
 
 /** Draw the PD effort, or the applied effort if the law is that of a foreign controller. */
@@ -90,47 +90,63 @@ function drawEffort(isKnown) {
   element('effort').textContent = isKnown ? 'PD effort, without impulses' : 'Applied effort';
 }
 
-function row(name, value, counted) {
-  const made = document.createElement('tr');
-  made.className = counted ? 'counted' : '';
-  const head = made.appendChild(document.createElement('th'));
-  head.scope = 'row';
-  head.textContent = name;
-  made.appendChild(document.createElement('td')).textContent = value;
-  return made;
+/** Show rows of a name, a value and a class, unless they are shown already. */
+function fill(table, rows) {
+  const text = JSON.stringify(rows);
+  if (table.dataset.rows === text) return;
+  table.dataset.rows = text;
+  table.replaceChildren(...rows.map(([name, value, kind = '']) => {
+    const made = document.createElement('tr');
+    made.className = kind;
+    const head = made.appendChild(document.createElement('th'));
+    head.scope = 'row';
+    head.textContent = name;
+    made.appendChild(document.createElement('td')).textContent = value;
+    return made;
+  }));
 }
 
 function number(value) {
-  return Number.isFinite(value) ? value.toPrecision(4) : '';
+  return Number.isFinite(value) ? Number(value.toPrecision(3)) : '';
 }
 
-/** Tell when the last impulse of a guard was, and its area. */
-function last(impulse) {
-  return impulse ? `, last at ${number(impulse[0])} s: ${number(impulse[1])} N s` : '';
+/** Tell how often a guard has fired, and the time and the area of its last impulse. */
+function fired(frame, guard) {
+  const [time, area] = frame.last[guard] ?? [];
+  return `${frame.fired[guard] ?? 0}${area === undefined ? '' : `, last at ${time.toFixed(3)} s: ${number(area)} N s`}`;
 }
+
+/** Return what the supervision has learnt; nothing of a foreign controller. */
+function learnt(report, name, unit) {
+  const value = report[`learnt_${name}`];
+  if (value === undefined) return [];
+  return [[`learnt ${name}`, value === 'nan' ? 'not yet' : `${Number(value)} ${unit}`]];
+}
+
+const isTrouble = (name, value) => COUNTED.test(name) && Number(value) > 0;
 
 function drawState(frame) {
-  const total = Object.values(frame.fired).reduce((sum, count) => sum + count, 0);
-  element('figures').replaceChildren(
-    row('real-time factor', number(frame.speed)),
-    row('impulses per second', number(frame.impulse_rate)),
-    row('impulses seen here', total),
-    ...Object.keys(GUARDS).map((guard) => row(
-      `impulses ${GUARDS[guard]}`, `${frame.fired[guard] ?? 0}${last(frame.last[guard])}`)),
-    row('impulses lost on the way here', frame.lost, frame.lost > 0),
-  );
-  const missing = ['plant', 'controller'].filter(
-    (role) => !Object.keys(frame.reports).some((name) => name.startsWith(role)));
-  element('reports').replaceChildren(
-    ...missing.map((role) => Object.assign(document.createElement('p'), {textContent: `no ${role} was found`})),
-    ...Object.entries(frame.reports).map(([name, report]) => {
-      const table = document.createElement('table');
-      table.createCaption().textContent = name;
-      for (const [key, value] of Object.entries(report)) {
-        table.append(row(key.replaceAll('_', ' '), value, COUNTED.test(key) && Number(value) > 0));
-      }
-      return table;
-    }));
+  if (frame.reports) {
+    reports = frame.reports;
+    drawReports();
+  }
+  const entries = Object.entries(reports);
+  const [, controller = {}] = entries.find(([name]) => name.startsWith('controller')) ?? [];
+  const missing = ['plant', 'controller'].filter((role) => !entries.some(([name]) => name.startsWith(role)));
+  const troubles = entries.flatMap(([name, report]) => Object.entries(report)
+    .filter(([key, value]) => isTrouble(key, value))
+    .map(([key, value]) => `${name.split(' ')[0]}: ${value} ${key.replaceAll('_', ' ')}`));
+  if (frame.lost) troubles.push(`${frame.lost} impulses lost on the way here`);
+  fill(element('figures'), [
+    ...missing.map((role) => [role, 'not found', 'error']),
+    ...entries.map(([name, {message = '', level}]) => [name, message, level]),
+    ['missed, lost or rejected', troubles.join('; ') || 'none', troubles.length ? 'counted' : ''],
+    ['real-time factor', number(frame.speed)],
+    ['impulses per second', number(frame.impulse_rate)],
+    ...Object.keys(GUARDS).map((guard) => [`impulses ${GUARDS[guard]}`, fired(frame, guard)]),
+    ...learnt(controller, 'mass', 'kg'),
+    ...learnt(controller, 'delay', 's'),
+  ]);
   const {running, state: said, report} = frame.recording;
   const record = element('record');
   record.textContent = running ? 'Stop recording' : 'Record';
@@ -150,6 +166,17 @@ function drawState(frame) {
   element('undo').title = frame.undo ? `back to ${frame.undo}` : 'nothing was changed';
   document.body.dataset.time = model('samples').data.time.at(-1) ?? '';
   document.body.dataset.ready = 'yes';
+}
+
+/** Show all that the nodes say of themselves. */
+function drawReports() {
+  element('reports').replaceChildren(...Object.entries(reports).map(([name, report]) => {
+    const table = document.createElement('table');
+    table.createCaption().textContent = name;
+    fill(table.createTBody(), Object.entries(report).map(
+      ([key, value]) => [key.replaceAll('_', ' '), value, isTrouble(key, value) ? 'counted' : '']));
+    return table;
+  }));
 }
 
 // -- parameters -------------------------------------------------------------------------------
@@ -273,10 +300,8 @@ class Field {
     if (!this.span || Math.abs(value) > this.span) this.span = span;
     const least = lower ?? -this.span;
     const most = upper ?? this.span;
-    const step = this.one.kind === 'integer' ? 1 : (most - least) / 200;
     Object.assign(this.slider, {min: least, max: most, step: this.one.kind === 'integer' ? 1 : 'any'});
     this.slider.value = value;
-    this.step = step;
   }
 }
 
@@ -297,7 +322,8 @@ element('save').addEventListener('submit', (event) => {
 
 /** Give the plots the colours of the page, and again when these change. */
 function paint() {
-  const ink = getComputedStyle(document.documentElement).getPropertyValue('--quiet').trim();
+  const style = getComputedStyle(document.documentElement);
+  const [ink, blue] = ['--quiet', '--blue'].map((name) => style.getPropertyValue(name).trim());
   for (const plot of Bokeh.documents[0].roots()) {
     for (const axis of [...plot.below, ...plot.left]) {
       axis.setv({
@@ -305,6 +331,7 @@ function paint() {
         major_tick_line_color: ink, minor_tick_line_color: null,
       });
     }
+    for (const {glyph} of plot.renderers) if (glyph.type === 'Line') glyph.line_color = blue;
   }
 }
 
