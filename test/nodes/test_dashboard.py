@@ -1,10 +1,14 @@
 """The dashboard in a real browser, beside real nodes."""
 
+from functools import partial
 from http.client import HTTPConnection
+import itertools
 import json
 import re
-import subprocess
+import socket
 import sys
+import time
+from types import SimpleNamespace
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import build_opener, ProxyHandler, Request
@@ -13,17 +17,24 @@ import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from sensor_msgs.msg import JointState
 
+from impulse_control_ros.command_line import exit_status
+from impulse_control_ros.core.control_law import GUARDS
 from impulse_control_ros.files.parameter_file import load_experiment
 from impulse_control_ros.files.recording import read_bag
+from impulse_control_ros.nodes.dashboard.command import main
 from test.chromium import needs_chromium, open_chromium
+from test.client import Client
 from test.nodes.dashboard_page import Page, start_dashboard
 from test.nodes.runs import UNDERDAMPED
-from test.processes import Graph, ROOT
+from test.processes import Graph, wait_for
 
 pytestmark = needs_chromium
 PACED = {'duration': 0.0, 'real_time_factor': 0.05, 'wait_for_recorder': False}
 DIRECT = build_opener(ProxyHandler({}))
+LEARNT_MASS = re.compile(r'learnt mass(\S+) kg')
+SHARED = re.compile(r'open http://(\S+):(\d+)/\?token=(\S+)')
 PAUSED = re.compile(r'paused at (\d+\.\d+) s')
 
 
@@ -119,6 +130,26 @@ def test_pause_step_and_reset_act(page):
     assert page.press('resume').startswith('running at ')
 
 
+def test_suspended_impulses_are_shown_with_the_reason_and_what_is_learnt(page):
+    page.run("document.getElementById('controller.learn_mass').click()")
+    page.enter('controller.m', '0.3')
+    page.press('reset')
+    page.until(
+        "return document.querySelector('#figures .warning td')?.textContent"
+        ".startsWith('answering, impulses suspended: jumps are ')",
+        'a suspension',
+    )
+    told = LEARNT_MASS.search(page.text('figures'))
+    assert float(told[1]) == pytest.approx(0.1, rel=0.01)
+    assert {*page.run('return lastFrame.fired')} <= {*GUARDS[1:]}  # verdicts are no impulses
+    page.browser.find_element(By.ID, 'undo').click()
+    page.field('controller.m', '0.1')
+    page.browser.find_element(By.ID, 'undo').click()
+    page.until(
+        "return document.getElementById('controller.learn_mass').checked", 'the switch set back'
+    )
+
+
 def test_a_slider_changes_a_gain_in_the_recording_at_a_sample(graph, page, dashboard):
     page.browser.find_element(By.ID, 'record').click()
     page.until(
@@ -210,35 +241,32 @@ def test_a_restarted_dashboard_is_connected_again_without_a_reload(graph, page, 
     assert page.run('return window.kept') == 'yes'
 
 
-def test_a_port_in_use_is_refused_in_one_line(graph, dashboard):
-    second = graph.start('dashboard', '--no-browser', '--port', dashboard[2])
-    assert second.wait() == 2
-    assert second.output == (
+@pytest.fixture(scope='module')
+def others(graph, dashboard):
+    """Return a dashboard on the port of the first, and one on all addresses."""
+    return [
+        graph.start('dashboard', '--no-browser', *options)
+        for options in (('--port', dashboard[2]), ('--port', 0, '--host', '0.0.0.0'))
+    ]
+
+
+def test_a_port_in_use_is_refused_in_one_line(dashboard, others):
+    assert others[0].wait() == 2
+    assert others[0].output == (
         f'dashboard: --host 127.0.0.1 --port {dashboard[2]}: Address already in use\n'
     )
 
 
-def test_a_missing_bokeh_is_named_with_the_command_that_installs_it():
-    ended = subprocess.run(
-        [
-            sys.executable,
-            '-c',
-            "import sys; sys.modules['bokeh'] = None; "
-            'from impulse_control_ros.command_line import dashboard; sys.exit(dashboard())',
-        ],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ended.returncode, ended.stderr) == (
-        1,
+def test_a_missing_bokeh_is_named_with_the_command_that_installs_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'bokeh', None)
+    assert exit_status('dashboard', partial(main, SimpleNamespace(requested=False))) == 1
+    assert capsys.readouterr().err == (
         "dashboard: bokeh is missing: pip install 'impulse_control_ros[dashboard]', "
-        'or pip install bokeh\n',
+        'or pip install bokeh\n'
     )
 
 
-def test_another_page_and_a_stranger_reach_nothing(graph, dashboard):
+def test_another_page_and_a_stranger_reach_nothing(dashboard, others):
     def status(address, **headers):
         request = Request(address, headers=headers)
         try:
@@ -262,15 +290,47 @@ def test_another_page_and_a_stranger_reach_nothing(graph, dashboard):
         assert connection.getresponse().status == expected
         connection.close()
     assert status(f'{address}reports/dashboard_..%2f..%2fsecret.html') == 404
-    shared = graph.start('dashboard', '--no-browser', '--port', 0, '--host', '0.0.0.0')
-    shared.says('?token=')
-    token, at = (re.search(rf'{what}', shared.output)[1] for what in (r'token=(\S+)', r':(\d+)/'))
+    others[1].says('?token=')
+    host, at, token = SHARED.search(others[1].output).groups()
+    assert host == socket.gethostname()
     address = f'http://127.0.0.1:{at}/'
     assert status(address) == 403
     assert status(f'{address}?token=wrong') == 403
     assert status(f'{address}socket') == 403
     assert status(f'{address}?token={token}') == 200
     assert status(f'{address}page.js', Cookie=f'dashboard_token={token}') == 200
+
+
+def test_a_foreign_plant_and_controller_are_shown(graph, page, plant, controllers):
+    for ours in (controllers[-1], plant):
+        assert ours.interrupt() == 0
+    client = Client(graph)
+    states, commands = (
+        client.node.create_publisher(JointState, topic, 10)
+        for topic in ('joint_states', 'joint_commands')
+    )
+    ticks = itertools.count(1)
+
+    def publish():
+        message = JointState(name=['other', 'axis'], position=[9.0, 0.125], effort=[0.0, 2.5])
+        message.header.stamp.sec = next(ticks)
+        states.publish(message)
+        commands.publish(message)
+        time.sleep(0.02)
+
+    try:
+        wait_for(
+            lambda: page.run(
+                "const {position, effort} = Bokeh.documents[0].get_model_by_name('samples').data;"
+                'return position.at(-1) === 0.125 && effort.at(-1) === 2.5'
+                "&& document.getElementById('effort').textContent === 'Applied effort'"
+            ),
+            'the state of the axis',
+            publish,
+        )
+    finally:
+        client.close()
+    assert 'learnt' not in page.text('figures')
 
 
 def test_the_console_has_no_error_and_no_other_host_is_asked(page, dashboard):
