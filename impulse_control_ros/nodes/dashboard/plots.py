@@ -5,7 +5,14 @@ from typing import Any
 
 from bokeh.embed import components
 from bokeh.model import Model
-from bokeh.models import ColumnDataSource, DataRange1d, PanTool, ResetTool, WheelZoomTool
+from bokeh.models import (
+    BasicTicker,
+    ColumnDataSource,
+    DataRange1d,
+    PanTool,
+    ResetTool,
+    WheelZoomTool,
+)
 from bokeh.models.annotations import BoxAnnotation, Span
 from bokeh.plotting import figure
 from bokeh.transform import factor_cmap, factor_mark
@@ -108,6 +115,7 @@ def _plot(x: str, y: str, **options: Any) -> figure:
     )
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
+    plot.xaxis.ticker = BasicTicker(desired_num_ticks=4)  # labels of small numbers are long
     plot.grid.grid_line_color = 'gray'
     plot.grid.grid_line_alpha = 0.25
     return plot
