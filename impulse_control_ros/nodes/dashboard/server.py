@@ -25,7 +25,7 @@ from impulse_control_ros.errors import UsageError
 from impulse_control_ros.nodes.dashboard.plots import plots
 
 PAGE = Path(__file__).with_name('page')
-FRAME = 0.1  # s between frames
+FRAME = 0.2  # s between frames
 COOKIE = 'dashboard_token'
 LOCAL_NAMES = r'127\.0\.0\.1|localhost|\[?::1\]?'
 REPORT = r'/reports/(dashboard_[\w-]+\.html)'
