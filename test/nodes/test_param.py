@@ -1,12 +1,11 @@
 """``param`` on running nodes, ours and others, with the words and output of ``ros2 param``."""
 
+from contextlib import closing
 from functools import partial
-from threading import Thread
+import subprocess
+import sys
 
 import pytest
-from rcl_interfaces.msg import ParameterDescriptor
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_dict_from_yaml_file
 
 from impulse_control_ros.core.parameter import declared
@@ -14,9 +13,28 @@ from impulse_control_ros.files.experiment import ControllerParameters
 from impulse_control_ros.files.parameter_file import load_experiment
 from test.command_lines import status_of
 from test.conftest import Client, CONFIG, wait_for
-from test.processes import Graph
+from test.processes import die_with_parent, Graph
 
 PATIENCE = ('--timeout', '60')
+FOREIGN = """
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import SingleThreadedExecutor
+
+from impulse_control_ros.nodes.transport import prefer_udp
+
+prefer_udp(rclpy.get_rmw_implementation_identifier())
+rclpy.init()
+executor = SingleThreadedExecutor()
+nodes = [rclpy.create_node('controller', namespace=space) for space in ('left', 'right')]
+for name, value in (('gain', 1.5), ('gains', [1.0, 2.0]), ('word', '1e-6'), ('some', [''])):
+    nodes[0].declare_parameter(name, value)
+nodes[0].declare_parameter('fixed', 'x', ParameterDescriptor(read_only=True))
+nodes[0].declare_parameter('any', 1, ParameterDescriptor(dynamic_typing=True))
+for node in nodes:
+    executor.add_node(node)
+executor.spin()
+"""
 FIXED = 'Trying to set a read-only parameter: fixed.'
 
 
@@ -201,64 +219,53 @@ def test_the_running_values_are_saved_as_an_experiment(param, values, tmp_path):
         assert values(node, *flat) == told
 
 
+@pytest.fixture(scope='module')
+def foreign(tmp_path_factory):
+    """Return the graph of two nodes that are not of this package, in a process of their own."""
+    graph = Graph(tmp_path_factory.mktemp('foreign'))
+    process = subprocess.Popen(
+        [sys.executable, '-c', FOREIGN], env=graph.env, preexec_fn=die_with_parent
+    )
+    yield graph
+    process.kill()
+    process.wait()
+    graph.close()
+
+
 @pytest.fixture
-def others(tmp_path, monkeypatch, capsys):
-    """Return ``param`` on a graph of two nodes that are not of this package, and the first."""
-    graph = Graph(tmp_path)
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=graph.domain)
-    executor = SingleThreadedExecutor(context=context)
-    nodes = [
-        rclpy.create_node('controller', namespace=space, context=context)
-        for space in ('left', 'right')
-    ]
-    for name, value in (('gain', 1.5), ('gains', [1.0, 2.0]), ('word', '1e-6'), ('some', [''])):
-        nodes[0].declare_parameter(name, value)
-    nodes[0].declare_parameter('fixed', 'x', ParameterDescriptor(read_only=True))
-    nodes[0].declare_parameter('any', 1, ParameterDescriptor(dynamic_typing=True))
-    for node in nodes:
-        executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    try:
-        yield runner(graph, monkeypatch, capsys), nodes[0]
-    finally:
-        executor.shutdown()
-        thread.join()
-        for node in nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=context)
-        graph.close()
+def others(foreign, monkeypatch, capsys):
+    """Return ``param`` on the graph of the foreign nodes."""
+    return runner(foreign, monkeypatch, capsys)
 
 
-def test_any_node_is_set_with_the_types_that_it_describes(others, tmp_path):
-    param, node = others
-    left = '/left/controller'
-
-    def values(*names):
-        return [node.get_parameter(name).value for name in names]
-
+def test_any_node_is_set_with_the_types_that_it_describes(foreign, others, tmp_path):
+    param, left = others, '/left/controller'
     listed = f'{left}:\n  gain\n  gains\n'
     wait_for(lambda: param('list', '--filter', 'gain') == (0, listed, ''), 'both nodes')
-    assert param('set', left, 'gain', '2', 'gains', '[3, 4.5]', 'some', '[]', 'fixed', 'x')[0] == 0
-    assert values('gain', 'some') == [2.0, []]
-    assert param('get', left, 'gains')[1] == 'Double values are: [3.0, 4.5]\n'
-    assert param('get', left, 'some')[1] == 'String values are: []\n'
-    assert param('set', left, 'gain', '4', 'fixed', 'y') == (
-        1,
-        '',
-        f'param: Setting parameter failed: {FIXED}\n',
-    )
-    status, text, _ = param('dump', left)
-    assert status == 0
-    (tmp_path / 'left.yaml').write_text(text)
-    assert param('set', left, 'gain', '9', 'word', 'other')[0] == 0
-    assert values('gain', 'word') == [9.0, 'other']
-    assert param('load', left, tmp_path / 'left.yaml')[0] == 0
-    assert values('gain', 'word', 'some') == [2.0, '1e-6', []]
-    assert param('delete', left, 'any') == (0, 'Deleted parameter successfully\n', '')
-    status, _, said = param('set', left, 'any', '1')
-    assert (status, said.endswith(' (not declared: any)\n')) == (1, True)
+    with closing(Client(foreign)) as client:
+        values = partial(client.get, 'left/controller')
+        assert (
+            param('set', left, 'gain', '2', 'gains', '[3, 4.5]', 'some', '[]', 'fixed', 'x')[0]
+            == 0
+        )
+        assert values('gain', 'some') == [2.0, []]
+        assert param('get', left, 'gains')[1] == 'Double values are: [3.0, 4.5]\n'
+        assert param('get', left, 'some')[1] == 'String values are: []\n'
+        assert param('set', left, 'gain', '4', 'fixed', 'y') == (
+            1,
+            '',
+            f'param: Setting parameter failed: {FIXED}\n',
+        )
+        status, text, _ = param('dump', left)
+        assert status == 0
+        (tmp_path / 'left.yaml').write_text(text)
+        assert param('set', left, 'gain', '9', 'word', 'other')[0] == 0
+        assert values('gain', 'word') == [9.0, 'other']
+        assert param('load', left, tmp_path / 'left.yaml')[0] == 0
+        assert values('gain', 'word', 'some') == [2.0, '1e-6', []]
+        assert param('delete', left, 'any') == (0, 'Deleted parameter successfully\n', '')
+        status, _, said = param('set', left, 'any', '1')
+        assert (status, said.endswith(' (not declared: any)\n')) == (1, True)
 
 
 def test_an_experiment_is_saved_only_of_one_namespace_and_of_our_nodes(others, tmp_path):
@@ -266,7 +273,7 @@ def test_an_experiment_is_saved_only_of_one_namespace_and_of_our_nodes(others, t
     brief = ('--spin-time', '0.2', '--timeout', '0.5')
 
     def told(options, expected):
-        status, _, said = others[0]('dump', '--save', file, *options, patience=brief)
+        status, _, said = others('dump', '--save', file, *options, patience=brief)
         assert status in (1, 2)  # 1: not all were found so soon
         return said == f'param: {expected}\n'
 
