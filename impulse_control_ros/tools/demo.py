@@ -114,7 +114,7 @@ def main() -> int:
     else:
         write_report(folder / 'report.html', runs)
         print(f'\nreport of both runs, for any browser: {folder / "report.html"}')
-    print(f'to watch an axis move and tune it:    {executable("closed_loop")} {LIVE}')
+    print(f'dashboard, to watch and tune an axis: {executable("closed_loop")} {LIVE}')
     return 0
 
 
