@@ -1,10 +1,10 @@
 """
 Check the impulses of a supervised controller against the law itself.
 
-When such an impulse starts, and its area, depend on the mass, the delay and the noise that the
+The time and the area of such an impulse depend on the mass, the delay and the noise that the
 supervision has learnt from all previous samples. A second formulation would repeat the whole
-supervision, so the kernel answers the same measured samples and its impulses are compared. These
-checks do not find an error of the kernel. The bounds of the area are independent of it:
+supervision. Instead, the kernel answers the same measured samples, and its impulses are compared.
+These checks do not find an error of the kernel. The bounds of the area are independent of it:
 
 =======================  ====  =====================================================
 guard                    unit  bounds of the area J
@@ -13,10 +13,10 @@ position zero            N s   against the motion, up to 2 alpha r
 velocity zero, sticking  N s   towards the set-point, c_event beta (TRIAL to sqrt(r))
 =======================  ====  =====================================================
 
-r is the upper one of mass_ratio_limits, 1 without learn_mass; TRIAL is the share of the area after
-a suspension. The motion is that of the measured velocity or of the difference of positions, of
-which the law uses one. After the first impulse that differs, the memory of the law is not that of
-the controller: what follows is unknown, until the controller starts again.
+r is the upper one of mass_ratio_limits, or 1 without learn_mass; TRIAL is the share of the area
+after a suspension. The motion is that of the measured velocity or of the difference of positions;
+the law uses one of them. After the first impulse that differs, the memory of the law is not that
+of the controller: later impulses are not checked until the controller starts again.
 """
 
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ def answers_of_law(commands: Commands, gains: Gains, known: np.ndarray) -> np.nd
 
 
 def bounds_check(commands: Commands, of: PerSample, towards: np.ndarray) -> Check:
-    """Check that each impulse has the direction and a size that the law may choose."""
+    """Check that the direction and the size of each impulse are within the bounds of the law."""
     most = np.where(of('learn_mass'), of('mass_ratio_limits.upper'), 1.0)
     x, v = (
         commands.position,

@@ -84,9 +84,9 @@ class MassRatioLimits(Parameters):
     """Bounds of the learnt mass, relative to m."""
 
     lower: float = parameter(
-        0.2, '', 'least learnt mass over m', lower=0.0, open_lower=True, upper=1.0
+        0.2, '', 'smallest learnt mass, relative to m', lower=0.0, open_lower=True, upper=1.0
     )
-    upper: float = parameter(5.0, '', 'largest learnt mass over m', lower=1.0)
+    upper: float = parameter(5.0, '', 'largest learnt mass, relative to m', lower=1.0)
 
     prefix = 'mass_ratio_limits.'
 
@@ -174,11 +174,11 @@ class ControlGains(Parameters):
     supervision: bool = parameter(
         True,
         '',
-        'whether impulses are checked by their jumps, and suspended where they do not work; false '
+        'whether impulses are checked by their jumps, and suspended if they do not work; false '
         'is the law of the paper',
     )
     learn_mass: bool = parameter(
-        True, '', 'whether impulses are computed for the mass that their jumps give'
+        True, '', 'whether impulses are computed for the mass learnt from their jumps'
     )
     mass_ratio_limits: MassRatioLimits = parameter(
         MassRatioLimits(), '', 'bounds of the learnt mass'
@@ -186,7 +186,7 @@ class ControlGains(Parameters):
     response_timeout: int = parameter(
         1000,
         'samples',
-        'an impulse without a jump for so long is absent; longer than the delay of the loop',
+        'an impulse without a jump in this time is absent; must exceed the delay of the loop',
         lower=1,
     )
     time_step: float = parameter(

@@ -158,8 +158,8 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
     """
     Return the findings on ``gains`` for a loop that delays impulses by ``delay`` samples.
 
-    An impulse at a velocity zero gives the velocity abs(e) d_bar / (c m) (26), so within the time
-    c m / d_bar the axis crosses the set-point. An axis that counts as standing may cover
+    An impulse at a velocity zero gives the velocity abs(e) d_bar / (c m) (26), so the axis reaches
+    the set-point within the time c m / d_bar. An axis that counts as standing may move by
     velocity_deadband times the delay.
     """
     if delay < 1 or not gains.impulses:
@@ -168,22 +168,22 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
     behind = f'the loop delays impulses by {delay} samples, {time:g} s'
     if gains.supervision and gains.response_timeout <= 2 * delay:
         text = (
-            f'{behind}: response_timeout = {gains.response_timeout} samples may take late jumps '
-            f'for absent ones; it must be above {2 * delay}'
+            f'{behind}: response_timeout = {gains.response_timeout} samples may count late jumps '
+            f'as absent; it must be above {2 * delay}'
         )
         found.append(Finding(level=Level.WARNING, text=text))
     share = gains.d_bar * time / (gains.c * gains.m)
     if share > 1.0:
         text = (
-            f'{behind}: an impulse at a velocity zero crosses the set-point within that time; '
-            f'd_bar * delay / (c m) = {share:.3g} must be below 1'
+            f'{behind}: an impulse at a velocity zero drives the axis across the set-point in '
+            f'this time; d_bar * delay / (c m) = {share:.3g} must be below 1'
         )
         found.append(Finding(level=Level.WARNING, text=text))
     drift = gains.velocity_deadband * time
     if gains.position_deadband < drift:
         text = (
             f'{behind}: position_deadband = {gains.position_deadband:g} m is below {drift:g} m, '
-            'which an axis within velocity_deadband covers meanwhile'
+            'which an axis within velocity_deadband may cover in this time'
         )
         found.append(Finding(level=Level.NOTE, text=text))
     if gains.effort_limit == 0.0:

@@ -1,10 +1,10 @@
 """
 Motion that identifies an axis: ramps and steps of the set-point, in both directions.
 
-The loop is a PD (4) with known gains; the axis is unknown. From rest, a step that leads by s
-beyond what friction and gravity hold gives m v' <= K s - D v, so the speed stays below K s / D
-whatever the mass. The steps therefore begin with a quarter of D v / K, and grow with the speeds
-that are seen. The ramps begin slowly for the same reason.
+The loop is a PD (4) with known gains; the axis is unknown. From rest, a step that exceeds by s the
+lead that friction and gravity hold gives m v' <= K s - D v, so the speed stays below K s / D for
+any mass. The steps therefore begin with a quarter of D v / K, and grow according to the measured
+speeds. The ramps begin slowly for the same reason.
 """
 
 from collections import deque

@@ -1,5 +1,5 @@
 """
-The jump of an impulse in flight, and the mass and the delay that it measures.
+The velocity jump of the impulse in flight, and the mass and the delay that it measures.
 
 ============  ==============  ========  =====================================================
 symbol        name            unit      meaning
@@ -7,22 +7,22 @@ symbol        name            unit      meaning
 J             area            N s       area of the impulse in flight, sent so far
 y             level           m/s       velocity before the jump, a mean over ``size`` samples
 sigma         sd              m/s       noise of y, see core/velocity_noise.py
-jump          rise            m/s       change of y, along J, without the trend
+jump          rise            m/s       change of y in the direction of J, less the trend
 r             ratio           1         jump / abs(J / m)
 n             delay           samples   from an impulse to its jump, beyond the first sample
 ============  ==============  ========  =====================================================
 
-* The jump is seen in the measured velocity or in the difference of positions, whichever has less
-  noise, over blocks of samples that are as long as the noise requires. Trend is the change per
-  block before the jump: feedback, friction and damping.
-* A lag or effort_limit spreads a jump over many samples. So what the blocks rise above the trend
-  is summed, with a slow decay. The jump is measured once the last third of its time adds nothing.
-  The flight counts from the first area that leaves, and response_timeout from the last.
+* The jump is detected in the measured velocity or in the difference of positions, whichever has
+  less noise. It is computed from the means of blocks of samples, which are as long as the noise
+  requires. The trend is the change per block before the jump, by feedback, friction and damping.
+* A lag or effort_limit spreads a jump over many samples. The rise of the blocks above the trend is
+  therefore summed, with a slow decay. The jump is complete once it grows no more in the last third
+  of its time. The flight begins with the first part of the area, response_timeout with the last.
 * Mass and delay are medians of the last five jumps that clearly exceed the noise and the
-  change that friction makes in a sample. Once they are known, r below 0.6 on a resting axis is
-  what friction left of the jump, and teaches nothing.
+  change that friction makes in a sample. Once they are known, a jump with r below 0.6 on a resting
+  axis is attributed to friction and not used.
 * An impulse is absent if no jump is seen for response_timeout samples. It is out of band if r is
-  above 1.4, or below 0.6 for an axis that moved: friction may keep a resting axis from moving.
+  above 1.4, or below 0.6 on a moving axis: friction may hold a resting axis.
 """
 
 import numpy as np
@@ -40,7 +40,7 @@ from impulse_control_ros.core.velocity_noise import is_known
 LOW, HIGH = 0.6, 1.4  # of the expected jump; above 1.66 alpha_ratio 0.6 is unstable
 LONGEST = 64.0  # samples of a block
 TREND = 0.02  # share of a sample in the trend while an impulse is in flight
-NEAR = 0.05  # a learnt mass this near the assumed one changes nothing
+NEAR = 0.05  # a relative difference of learnt and assumed mass that is ignored
 JUMPS = 5
 
 FLIGHT = record(
@@ -94,7 +94,7 @@ def mass_scale(learnt, options):
 
 @compiled
 def assume_mass(learnt, inverse_m):
-    """Keep the learnt mass while m is set to another value."""
+    """Keep the learnt mass when m is set to another value."""
     change = inverse_m / learnt.inverse_m
     learnt.inverse_m = inverse_m
     learnt.mass *= change
@@ -148,7 +148,7 @@ def block_noise(noise, by_difference, size):
 
 @compiled
 def block_size(noise, by_difference, expected):
-    """Return the samples of a block whose noise is small against the ``expected`` jump [m/s]."""
+    """Return the block size whose noise is small compared with the ``expected`` jump [m/s]."""
     ratio = 40.0 / abs(expected)
     needed = (
         ratio * noise.difference.sd if by_difference != 0.0 else (ratio * noise.velocity.sd) ** 2
@@ -229,7 +229,7 @@ def look(memory, state, options, gain, most, least, surplus, mean, position):
 
 @compiled
 def measure_jump(memory, state, gains, options, most, least, change, sd, mean, position):
-    """Measure the jump once it grows no more: in the last third of the time since it began."""
+    """Measure the jump once it has not grown in the last third of the time since it began."""
     flight, noise, learnt = memory.flight, memory.noise, memory.learnt
     way, since = sign(flight.area), flight.seen - flight.mark_seen
     risen, growth = way * (flight.level - flight.before), way * (mean - flight.mark)
@@ -269,7 +269,7 @@ def measure_jump(memory, state, gains, options, most, least, change, sd, mean, p
 
 @compiled
 def learn(memory, options, delay):
-    """Learn delay and mass from a jump; the first jumps confirm the mass they give."""
+    """Learn delay and mass from a jump; with learn_mass, the first two jumps are confirmed."""
     learnt = memory.learnt
     mass = mass_scale(learnt, options) / memory.ratio
     mass = min(max(mass, options.least_mass), options.most_mass)

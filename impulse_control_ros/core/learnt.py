@@ -1,4 +1,4 @@
-"""What the supervision of a law has learnt, in SI units: read from its memory."""
+"""The values that the supervision of a law has learnt, in SI units."""
 
 from dataclasses import dataclass
 import math
@@ -14,14 +14,14 @@ scale_of = getattr(mass_scale, 'py_func', mass_scale)  # needs no compiling
 @dataclass(frozen=True, kw_only=True)
 class Learnt:
     """
-    What is learnt of an axis at a sample.
+    The learnt values of an axis at a sample.
 
-    ``mass`` [kg] is the median of the masses that the last jumps give, ``mass_spread`` [kg] the
+    ``mass`` [kg] is the median of the masses from the last jumps, ``mass_spread`` [kg] the
     difference between the largest and the least of them, and ``delay`` [s] the median of the times
     from an impulse to its jump; all are nan before the first jump. ``used_mass`` [kg] is the mass
-    that impulses are computed for, ``velocity_noise`` [m/s] the standard deviation, and
-    ``suspended`` [s] the time left until impulses act again. ``is_suspended_anew`` tells whether
-    the suspension begins at this sample.
+    that impulses are computed for, ``velocity_noise`` [m/s] a standard deviation, and
+    ``suspended`` [s] the time left until impulses act again. ``is_suspended_anew`` is true at the
+    sample at which a suspension begins.
     """
 
     mass: float

@@ -139,9 +139,9 @@ JUDGED = {  # by verdict: of what it is a number
     'confirmed': 'impulses whose jump was the expected one',
     'absent': 'impulses without a jump within response_timeout',
     'out_of_band': 'impulses whose jump was much larger or smaller than expected',
-    'reversed': 'impulses with a jump against them',
-    'growing': 'errors that grew beyond their last turning point by impulses',
-    'stalled': 'impulses at rest that hardly brought the axis nearer, eight as one',
+    'reversed': 'impulses with a jump in the opposite direction',
+    'growing': 'times the error grew beyond its last turning point while impulses acted',
+    'stalled': 'series of eight impulses at rest that hardly brought the axis nearer',
 }
 METRICS = {
     'start': Metric('from', 's', 'start, since the first state of the bag', lambda r: r.time[0]),
@@ -189,18 +189,21 @@ METRICS = {
         for verdict, what in JUDGED.items()
     },
     'suspended_time': Metric(
-        'impulses suspended', 's', 'total time without impulses by them', lambda r: r.suspended
+        'impulses suspended',
+        's',
+        'total time in which impulses were suspended',
+        lambda r: r.suspended,
     ),
     'learnt_mass': Metric(
         'learnt mass',
         'kg',
-        'median of the masses that the last five jumps give',
+        'median of the masses from the last five jumps',
         lambda r: r.learnt_mass,
     ),
     'learnt_delay': Metric(
         'learnt delay',
         's',
-        'median of the delays from an impulse to its jump, of the last five jumps',
+        'median of the delays from impulse to jump, over the last five jumps',
         lambda r: r.learnt_delay,
     ),
     'work': Metric(
@@ -256,9 +259,7 @@ SAMPLE_COLUMNS = {
         'impulse area', 'N s', 'J of the impulse that this state triggered; 0 if none'
     ),
     'guard': Quantity('guard', '', "guard of that impulse; '' if none"),
-    'verdict': Quantity(
-        'verdict', '', "verdict that this state gives on an earlier impulse; '' if none"
-    ),
+    'verdict': Quantity('verdict', '', "verdict on an earlier impulse at this state; '' if none"),
     'damping': Quantity('damping', 'N s/m', 'd, if it was published at this sample'),
     'is_reset': Quantity('is_reset', '', 'whether a run or an episode starts here'),
 }

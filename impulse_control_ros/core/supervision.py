@@ -1,10 +1,11 @@
 """
-Supervision of impulses: every impulse is checked by the jump that it causes.
+Supervision of impulses: each impulse is checked by the velocity jump that it causes.
 
-An impulse of area J makes the velocity jump by J / m. While one is in flight, no other starts. Its
-jump confirms it or not, and measures the mass and the delay of the loop: core/jump.py. Impulses
-that are not confirmed are suspended: core/suspension.py. Impulses on a resting axis whose jumps
-the noise hides are judged by their sum: they join the one in flight until it exceeds the noise.
+An impulse of area J changes the velocity by J / m. While one impulse is in flight, no other
+starts. Its jump confirms it or not, and measures the mass and the delay of the loop: core/jump.py.
+Impulses that are not confirmed are suspended: core/suspension.py. Impulses on a resting axis whose
+jumps are hidden by the noise join the one in flight. They are judged together, once their sum
+exceeds the noise.
 """
 
 from impulse_control_ros.core.impulse_verdicts import NO_VERDICT
@@ -61,7 +62,7 @@ def begin_supervision(memory, options, error, velocity):
 
 @compiled
 def observe(memory, state, gains, options, position, error, velocity, exact):
-    """Judge a sample, before the law answers it; an ``exact`` one has no noise."""
+    """Judge a sample before the law answers it; an ``exact`` sample has no noise."""
     noise, flight, suspension = memory.noise, memory.flight, memory.suspension
     difference = (position - state.position) * gains.sample_rate
     memory.verdict, memory.ratio = NO_VERDICT, 0.0
@@ -85,7 +86,7 @@ def observe(memory, state, gains, options, position, error, velocity, exact):
 
 @compiled
 def note_impulse(memory, options, crosses, direction, owed, left, error):
-    """Note the area due [N s], of which ``left`` acts over this sample."""
+    """Record that the area ``owed`` [N s] is due, of which ``left`` acts over this sample."""
     flight, suspension = memory.flight, memory.suspension
     expected = (flight.area + owed) * options.inverse_m / mass_scale(memory.learnt, options)
     if flight.age == 0.0:
@@ -107,7 +108,7 @@ def note_impulse(memory, options, crosses, direction, owed, left, error):
 
 @compiled
 def may_fire(memory):
-    """Return whether the next impulse may start, or join one in flight that the noise hides."""
+    """Return whether an impulse may start, or join one in flight that is hidden by the noise."""
     flight, learnt, suspension = memory.flight, memory.learnt, memory.suspension
     is_hidden = flight.hidden != 0.0 and flight.at_rest != 0.0 and flight.seen == 0.0
     acts = learnt.jumps > 0.0 and flight.age > flight.sent_age + learnt.delay

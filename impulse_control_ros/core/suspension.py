@@ -1,12 +1,15 @@
 """
-When impulses are suspended.
+The suspension of impulses that do not work.
 
-* Two impulses in a row that are absent, reversed or out of band suspend impulses.
-* So does abs(e) above 1.1 times its last turning point while impulses act: growing.
-* So do eight impulses in a row on a resting axis that hardly bring it nearer: stalled.
+Impulses are suspended when
 
-Impulses are suspended for 1 s, then 2, 4, ... 64 s. After that they have a part of their area,
-core/supervision.py TRIAL, until one is confirmed; the whole where friction may have held the axis.
+* two impulses in a row are absent, reversed or out of band,
+* abs(e) exceeds 1.1 times its last turning point while impulses act (growing), or
+* eight impulses in a row hardly move a resting axis towards the set-point (stalled).
+
+The suspension lasts 1 s, then 2, 4, ... 64 s. Afterwards impulses have a share of their area,
+core/supervision.py TRIAL, until one is confirmed. They have the whole area if friction may have
+held the axis.
 """
 
 from impulse_control_ros.core.impulse_verdicts import ABSENT, CONFIRMED, GROWING, STALLED
@@ -34,7 +37,7 @@ SUSPENSION = record(
 
 @compiled
 def begin_response(suspension, error):
-    """Begin the envelope of a response at its first ``error`` [m]."""
+    """Begin the envelope of a response with its first ``error`` [m]."""
     suspension.bound, suspension.floor = abs(error), 0.1 * abs(error)
     begin_hops(suspension, error)
     suspension.acted = 0.0
@@ -69,7 +72,7 @@ def judge_error(memory, gains, size):
 
 @compiled
 def judge(memory, gains):
-    """Count strikes and suspend impulses by the verdict."""
+    """Count strikes, and suspend impulses if the verdict requires it."""
     suspension = memory.suspension
     if memory.verdict == CONFIRMED:
         suspension.strikes = suspension.back_off = suspension.trial = 0.0

@@ -1,14 +1,14 @@
 """
-The noise of a velocity, learnt from samples of a moving or resting axis.
+The noise of a velocity, estimated while the axis moves or rests.
 
 White noise of the velocity makes its second differences alternate in sign; a smooth motion does
 not. The product of two successive second differences r of white noise has the mean -4 sigma^2.
 For the difference of noisy positions, w = (x - x_before) / dt, the mean is -7.5 sigma_w^2, with
-sigma_w = sqrt(2) sigma_x / dt. Only products in a row of three alternating second differences
-count, each larger than LEAST of the speed; the mean is corrected for those left out. A jump or a
-stop alternates at most once, so an exact sensor has a noise of exactly zero. Noise that the speed
-has hidden appears as SURPRISES far above what is learnt, and is then learnt fast. It is looked for
-at every sample once the speed has halved.
+sigma_w = sqrt(2) sigma_x / dt. A product counts only if three second differences in a row
+alternate in sign, each larger than LEAST of the speed; the mean is corrected for the others. A
+jump or a stop alternates at most once, so an exact sensor has a noise of exactly zero. Noise that
+was hidden by the speed appears as SURPRISES updates far above the estimate, which then follows
+fast. Once the speed has halved, every sample is used again.
 
 =========  ==============  =====  ==========================================================
 symbol     name            unit   meaning
@@ -42,8 +42,8 @@ SIGNAL = record(
         for name in ('value', 'step', 'curve', 'alternates', 'variance', 'sd', 'surprises')
     ]
 )
-# pause: samples that are left out; count: samples since the last update; speed [m/s]: largest
-# measured one, which hides the noise below LEAST of it
+# pause: samples still to skip; count: samples since the last update; speed [m/s]: the largest
+# measured one, which hides noise below LEAST of it
 NOISE = record(
     [
         *((name, 'f8') for name in ('updates', 'count', 'pause', 'speed')),
@@ -67,7 +67,7 @@ def is_known(noise):
 
 @compiled
 def next_value(signal, value):
-    """Go on to the value at the next sample; return what its noise may have as variance."""
+    """Take the value of the next sample; return minus its product if that counts, else 0."""
     step = value - signal.value
     curve = step - signal.step
     product = curve * signal.curve
@@ -81,7 +81,7 @@ def next_value(signal, value):
 
 @compiled
 def update(signal, fresh, weight):
-    """Average the variance."""
+    """Update the variance with the ``fresh`` one [m^2/s^2]."""
     if fresh > 0.0:
         surprise = fresh > max(100.0 * signal.variance, NOTHING)
         signal.surprises = signal.surprises + 1.0 if surprise else 0.0
@@ -97,7 +97,7 @@ def update(signal, fresh, weight):
 
 @compiled
 def pass_exact(noise, samples):
-    """Go on by some samples that are known to have no noise, to the same bits."""
+    """Skip samples that are known to have no noise, with the same result as `next_noise`."""
     noise.updates = min(
         noise.updates + samples - min(max(noise.pause - 1.0, 0.0), samples), UPDATES
     )
@@ -106,7 +106,7 @@ def pass_exact(noise, samples):
 
 @compiled
 def next_noise(noise, velocity, difference, estimated):
-    """Go on to the next sample [m/s]; ``estimated`` is 1 where the velocity is."""
+    """Take the next sample [m/s]; ``estimated`` is 1 if the velocity is an estimate."""
     noise.count += 1.0
     noise.pause = max(noise.pause - 1.0, 0.0)
     speed = 0.0 if estimated != 0.0 else abs(velocity)

@@ -1,11 +1,11 @@
 """
-``excite``: moves an axis for identification, by set-points alone.
+``excite``: moves an axis for identification by set-points only.
 
-It turns the impulses of the controller off, publishes the set-points of core/excitation.py on
-``setpoint`` in answer to joint_states, each when the controller has told on run_parameters that it
-has taken the one before, and at the end sets ``x_r`` and ``impulses`` as they were.
-When a limit is passed, states stay away or the user interrupts, it stops: the set-point is then
-where the axis is, the impulses stay off, and the exit status is 1.
+It turns the impulses of the controller off and publishes the set-points of core/excitation.py on
+``setpoint``, in answer to joint_states. Before each set-point it waits until run_parameters shows
+that the controller has taken the last one. At the end it restores ``x_r`` and ``impulses``.
+It stops when a limit is exceeded, when no states arrive, or when the user interrupts it. The
+set-point is then the position of the axis, impulses stay off, and the exit status is 1.
 """
 
 import argparse
@@ -37,15 +37,14 @@ from impulse_control_ros.nodes.parameters import ParameterNode
 from impulse_control_ros.nodes.spin import IDLE, main as run_node
 from impulse_control_ros.nodes.topics import LATCHED_QOS, SLOW_QOS
 
-# of the states that wait, the newest alone: a set-point in answer to an old one would come in a
-# burst with others
+# only the newest state: set-points in answer to queued states would come in a burst
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-PERIOD = SECOND // 50  # ns of the states' time between two set-points
-WAITS = 0.01  # s between two looks at a pending response
+PERIOD = SECOND // 50  # ns between two set-points, by the stamps of the states
+WAITS = 0.01  # s between two polls of a pending response
 ASKED = ('K', 'D', 'x_r', 'impulses', 'joint_name')
 DESCRIPTION = """\
-Move an axis for identification: ramps at three speeds and steps, in both directions, by the
-set-point of a running controller. Its impulses are off meanwhile. Record the motion."""
+Move an axis for identification, with ramps at three speeds and steps, in both directions, by the
+set-point of a running controller. Impulses are off during the motion. Record the motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +108,7 @@ class Excite(ParameterNode):
         speeds, self.finished = self._motion.speeds, True
         self.get_logger().info(
             f'{len(speeds)} moves in {(self._last - self._first) / SECOND:.3g} s at up to '
-            f'{max(speeds):.3g} m/s; x_r and impulses are as before'
+            f'{max(speeds):.3g} m/s; x_r and impulses are restored'
         )
 
     # -- states -----------------------------------------------------------------------------
@@ -169,7 +168,7 @@ class Excite(ParameterNode):
             self.fail(ExcitationError(str(reason)))
             return
         if self._is_over:
-            self.fail(ExcitationError(f'{reason}: impulses and x_r may not be as before'))
+            self.fail(ExcitationError(f'{reason}: impulses and x_r may not be restored'))
             return
         at = min(max(self._position, self._limits.low), self._limits.high)
         self._set_point.publish(Float64(data=at))
@@ -181,7 +180,7 @@ class Excite(ParameterNode):
         )
 
     def poll(self) -> float:
-        """Make the next request; stop if the controller or the states stay away."""
+        """Make the next request; stop if the controller or the states are missing."""
         patience, now = self.parameters.discovery_timeout, monotonic()
         limit = self.parameters.state_timeout if self._last else patience
         try:
@@ -195,7 +194,7 @@ class Excite(ParameterNode):
                 )
                 raise ExcitationError(f'no {missing} for {limit:g} s')
             if self._moves and not self._taken and now > self._published + limit:
-                raise ExcitationError(f'{self._controller} takes no set-point for {limit:g} s')
+                raise ExcitationError(f'{self._controller} took no set-point for {limit:g} s')
         except ExcitationError as error:
             self._stop(error)
         return IDLE if self._before and not self._requests.pending else WAITS

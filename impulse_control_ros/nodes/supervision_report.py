@@ -1,4 +1,4 @@
-"""Reports of what the supervision of a controller decides and learns, in the log and by values."""
+"""Reports on the supervision of a controller, in the log and on /diagnostics."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ DIGITS = 4  # of a learnt mass
 
 def reason(verdict: int, ratio: float, used_mass: float, gains: ControlGains) -> str:
     """
-    Return what a verdict other than CONFIRMED means, and what to do.
+    Return the meaning of a verdict other than CONFIRMED, and its likely cause or remedy.
 
     ``ratio`` is the jump over the one expected for ``used_mass`` [kg].
     """
@@ -36,8 +36,8 @@ def reason(verdict: int, ratio: float, used_mass: float, gains: ControlGains) ->
         REVERSED: 'the velocity jumped against the impulse; the likely cause is the sign of the '
         'actuator or of the sensor',
         GROWING: 'the error grew beyond its last turning point while impulses acted',
-        STALLED: 'impulses at rest hardly bring the axis nearer; a larger position_deadband ends '
-        'them',
+        STALLED: 'impulses at rest hardly bring the axis nearer to the set-point; set a larger '
+        'position_deadband',
     }[verdict]
 
 
@@ -77,7 +77,7 @@ class SupervisionReport:
         self._told = verdict
 
     def _advise(self, delay: float) -> None:
-        """Log what a delay [s] means that differs from the last one by more than a sample."""
+        """Log the findings on a delay [s] that has changed by more than a sample."""
         gains = self._node.parameters
         samples = 0 if math.isnan(delay) else round(delay / gains.time_step)
         if abs(samples - self._delay) > 1:

@@ -420,7 +420,7 @@ def test_with_an_integral_no_dead_zone_is_claimed():
     [
         ({'effort_limit': 50.0}, 3, 'the loop delays impulses by 3 samples, 0.0003 s'),
         ({'effort_limit': 50.0}, 500, 'response_timeout = 1000 samples .* above 1000'),
-        ({'effort_limit': 50.0}, 1400, 'crosses the set-point within that time; .* = 1.05 must'),
+        ({'effort_limit': 50.0}, 1400, 'across the set-point in this time; .* = 1.05 must'),
         ({'effort_limit': 50.0, 'velocity_deadband': 0.1}, 10, 'is below 0.0001 m'),
         ({}, 1, 'effort_limit = 0 lets a wrong impulse act in full'),
     ],

@@ -54,7 +54,7 @@ def test_it_moves_the_axis_within_its_limits_and_restores_the_controller(graph, 
     assert client.set('controller', x_r=0.03).successful
     excite = graph.start('excite', *LIMITS)
     assert excite.wait() == 0, excite.output
-    assert 'x_r and impulses are as before' in excite.output
+    assert 'x_r and impulses are restored' in excite.output
     assert client.get('controller', 'x_r', 'impulses') == [0.03, True]
     assert loop.interrupt() == 0, loop.output
     run = read_bag(loop.folder / 'bag')

@@ -22,7 +22,7 @@ KINDS = {
 
 
 def field_of(described: ParameterDescriptor, value: Any) -> dict[str, Any]:
-    """Return what the page needs for a parameter: all JSON, an infinite bound as None."""
+    """Return the description of a parameter for the page, as JSON; an infinite bound is None."""
     kind = KINDS.get(Parameter.Type(described.type), 'list')
     found = UNIT.fullmatch(described.description)
     limits = [*described.floating_point_range, *described.integer_range]
@@ -44,7 +44,7 @@ def field_of(described: ParameterDescriptor, value: Any) -> dict[str, Any]:
 
 
 def bound(value: float | None) -> float | None:
-    """Return a bound of a slider; one that only stands for infinity is None."""
+    """Return a bound of a slider; None if it stands for infinity."""
     return None if value is None or abs(value) > 1e6 else value
 
 
@@ -58,7 +58,7 @@ def as_json(value: Any) -> Any:
 
 
 def value_of(text: str, before: Any) -> Any:
-    """Return the value that a text means for a parameter that is ``before`` now; as in YAML."""
+    """Return the value of a YAML text, for a parameter that has the value ``before`` now."""
     if isinstance(before, str):
         return text
     try:

@@ -1,4 +1,4 @@
-"""What the page shows: the news of a window since its last frame, as JSON."""
+"""The frames of the page: the data that are new since the last frame of a window, as JSON."""
 
 from collections.abc import Mapping
 import math
@@ -30,7 +30,7 @@ class Frames:
         self._dashboard = dashboard
 
     def next(self, seen: dict[str, Any]) -> Mapping[str, Any]:
-        """Return what is new for a window that has ``seen`` the rest, and note it there."""
+        """Return the data that are not in the window's record ``seen`` yet, and add them to it."""
         run, peers = self._dashboard.run, self._dashboard.peers
         fresh = seen.get('episode') != run.episode
         since = (0, 0) if fresh else seen['counts']
@@ -51,7 +51,7 @@ class Frames:
         return frame
 
     def _figures(self) -> dict[str, Any]:
-        """Return the numbers and sentences beside the curves."""
+        """Return the numbers and texts beside the plots."""
         dashboard, run = self._dashboard, self._dashboard.run
         recording = dashboard.recording
         return {
@@ -69,7 +69,7 @@ class Frames:
         }
 
     def _parameters(self) -> dict[str, Any]:
-        """Return the form fields of both nodes, and what follows from their values."""
+        """Return the form fields of both nodes, and the findings on their values."""
         dashboard = self._dashboard
         gains = dashboard.values('controller')
         return {

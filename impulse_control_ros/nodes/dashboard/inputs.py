@@ -1,8 +1,8 @@
 """
-The messages that a dashboard reads: states and impulse events, as bytes and best effort.
+The messages that a dashboard reads, raw and best effort: states and impulse events.
 
-No executor serves these subscriptions: `take` reads what has come since the last call, of states
-the newest ones. A plant of ours also publishes its states throttled, for displays; a reader of
+No executor serves these subscriptions: `take` reads the messages since the last call, and of the
+states only the newest. Our plant also publishes throttled states for displays, because a reader of
 every state would cost a composed run a third of its speed.
 """
 
@@ -95,7 +95,7 @@ class Inputs:
 
 
 def messages(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
-    """Yield the messages that have arrived, with what the middleware says of them."""
+    """Yield the messages that have arrived, with their message info."""
     take = subscription.handle.take_message
     while taken := take(subscription.msg_type, True):
         yield taken

@@ -1,8 +1,8 @@
 """
-The dashboard node: what the nodes of a run say.
+The dashboard node: it collects the states, events and parameters of a run.
 
 It publishes nothing. The plant is the node that publishes joint_states, the controller the one
-that publishes joint_commands, ours or foreign; both may come, go and restart.
+that publishes joint_commands, ours or foreign. Both may start, end and restart at any time.
 """
 
 from collections.abc import Iterator, Mapping
@@ -86,7 +86,7 @@ class Dashboard(ParameterNode):
         return (item for item in super().subscriptions if item not in polled)
 
     def poll(self) -> float:
-        """Take what has come, look at the graph, and serve the page for a while."""
+        """Take the new messages, look at the graph, and serve the page for a while."""
         now = monotonic()
         if now >= self._look_at:
             self._look_at = now + LOOK
@@ -112,7 +112,7 @@ class Dashboard(ParameterNode):
         return self.peers[role].values if role in self.peers else {}
 
     def reports(self) -> dict[str, Mapping[str, str]]:
-        """Return what plant, controller and recorders say of themselves, by role and name."""
+        """Return the diagnostics of plant, controller and recorders, by role and name."""
         now = monotonic()
         self._recorders = {name: one for name, one in self._recorders.items() if one[0] > now}
         return {

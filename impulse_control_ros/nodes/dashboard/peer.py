@@ -1,4 +1,4 @@
-"""One node that the dashboard shows: its parameters and what it says on /diagnostics."""
+"""One node that the dashboard shows: its parameters and its values on /diagnostics."""
 
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,8 +21,8 @@ class Peer:
     """
     The node of full name ``name``.
 
-    Its parameters are read and set in a thread, because its answers may take seconds or never
-    come. ``values`` and ``described`` have them by name, and ``version`` changes with them.
+    Its parameters are read and set in a thread, because an answer may take seconds or never
+    arrive. ``values`` and ``described`` have them by name; ``version`` changes with them.
     """
 
     def __init__(self, node: Node, name: str) -> None:
@@ -74,7 +74,7 @@ class Peer:
         return ''
 
     def changed(self, values: Mapping[str, Any]) -> None:
-        """Take values that the node has now."""
+        """Take changed values of the node."""
         ours = {name: value for name, value in values.items() if name in self.described}
         if ours:
             self.values = self.values | ours

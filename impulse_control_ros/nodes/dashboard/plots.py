@@ -1,4 +1,4 @@
-"""The curves of the page, as BokehJS draws them; the page fills their two sources."""
+"""The plots of the page, drawn by BokehJS; the page fills their two data sources."""
 
 from collections.abc import Callable
 from typing import Any
@@ -98,7 +98,7 @@ def _mark(plot: figure, x: str, y: str, impulses: ColumnDataSource) -> None:
 
 
 def _plot(x: str, y: str, **options: Any) -> figure:
-    """Return an empty plot that leaves the scrolling of finger and wheel to the page."""
+    """Return an empty plot that lets finger and wheel scroll the page."""
     plot = figure(
         x_axis_label=x,
         y_axis_label=y,

@@ -1,4 +1,4 @@
-"""A recording started from the dashboard: our recorder as a process, and the report of its bag."""
+"""A recording started on the page: a recorder process, and the report of its bag."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -14,8 +14,8 @@ class Recording:
     """
     The recordings of a dashboard, one after another, into ``folder``.
 
-    ``ros_arguments`` are the rules of remapping that the recorder shares with the dashboard.
-    ``state`` says in words what goes on; ``report`` is the name of the last report, or ''.
+    ``ros_arguments`` are the remapping rules that the recorder shares with the dashboard.
+    ``state`` describes the recording in words; ``report`` is the name of the last report, or ''.
     """
 
     def __init__(self, folder: Path, ros_arguments: Sequence[str]) -> None:
@@ -48,7 +48,7 @@ class Recording:
         return Child(*command, out=self._out)
 
     def _trouble(self, status: int) -> str:
-        """Return the last line that a child said, if it failed."""
+        """Return the last line of output of a child that failed, else ''."""
         self._out.seek(0)
         said = self._out.read().strip().splitlines() if status else []
         return said[-1] if said else f'ended with status {status}' if status else ''
@@ -62,7 +62,7 @@ class Recording:
         return ''
 
     def poll(self) -> None:
-        """Go on to the report once the recorder has ended, and to the end once that has."""
+        """Start the report once the recorder has ended, and note its end."""
         if self._recorder and self._recorder.status is not None:
             trouble, self._recorder = self._trouble(self._recorder.status), None
             if trouble or not self._bag.exists():
@@ -77,7 +77,7 @@ class Recording:
             self.report = '' if trouble else self._bag.with_suffix('.html').name
 
     def close(self) -> None:
-        """End what still runs; the recorder finishes its bag."""
+        """End the processes that still run; the recorder finishes its bag."""
         for child in (self._recorder, self._analyze):
             if child:
                 child.end()

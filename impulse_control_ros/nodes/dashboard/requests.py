@@ -1,4 +1,4 @@
-"""What the page asks for: values and their undo, services of the plant, recordings, files."""
+"""The requests of the page: parameter values, undo, services of the plant, recordings, files."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ Answer = Callable[[Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class Waiting:
-    """A window's request: its ``future`` result goes to ``done``; if ``until`` [s], none does."""
+    """A pending request: ``done`` gets the result of ``future``, or none after ``until`` [s]."""
 
     future: Any
     done: Callable[[Any], None]
@@ -50,14 +50,14 @@ class Requests:
 
     @property
     def last_change(self) -> str:
-        """What an undo would set; '' for nothing."""
+        """The values that an undo would set, '' if there are none."""
         if not self._changes:
             return ''
         node, before = self._changes[-1]
         return ', '.join(f'{node} {name} = {value}' for name, value in before.items())
 
     def reach(self, plant: Peer | None) -> None:
-        """Have clients of the services of the present plant, discovered before they are used."""
+        """Create clients of the services of the present plant, for discovery before their use."""
         name = plant.name if plant else ''
         if name == self._plant:
             return

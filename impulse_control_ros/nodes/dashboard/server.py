@@ -1,10 +1,10 @@
 """
 The web server of the page: tornado, served between the turns of the ROS executor.
 
-Only the names of this machine are answered, so no page of another host reaches the nodes, whatever
-its DNS says. For other hosts a token is needed: in the address, then in a cookie. A browser asks
-for a frame when it has drawn the last one, so a slow or hidden page gets fewer, and none is queued
-for it.
+By default it answers only requests for the names of this machine, so no page of another host can
+reach the nodes by DNS rebinding. Other hosts need a token: in the address, then in a cookie. A
+browser requests a frame when it has drawn the last one, so a slow or hidden page gets fewer frames
+and none is queued.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ Answer = Callable[[Mapping[str, Any]], None]
 
 
 class Guarded(RequestHandler):
-    """Answers only those who know the token, if there is one."""
+    """Refuses requests without the token, if there is one."""
 
     def prepare(self) -> None:
         """Check the token; one in the address is kept in a cookie."""
@@ -71,11 +71,11 @@ class Script(Guarded):
 
 
 class Files(Guarded, StaticFileHandler):
-    """Files of ours and of Bokeh, and reports."""
+    """Files of the page and of Bokeh, and reports."""
 
 
 class Socket(Guarded, WebSocketHandler):
-    """One browser window: it asks for frames, and has requests."""
+    """One browser window, which asks for frames and sends requests."""
 
     def open(self, *_: str) -> None:
         """Begin."""
