@@ -1,8 +1,8 @@
 """
-What the supervision of a recorded run has learnt and suspended, by the law itself.
+The learnt values and the suspensions of a recorded run, recomputed with the law.
 
-The law answers the recorded states once more. Where its verdicts are not the recorded ones, as in
-a bag that begins in mid-run, nothing is known.
+The law answers the recorded states again. If its verdicts are not the recorded ones, as in a bag
+that begins in mid-run, nothing is known.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ FAILED = tuple(map(VERDICTS.index, ('absent', 'out_of_band', 'reversed')))  # of
 @dataclass(frozen=True, kw_only=True)
 class Supervision:
     """
-    What is known of k verdicts, shape (k,); empty where nothing is.
+    The k verdicts of a run, shape (k,); empty if they are not known.
 
-    ``stamp`` [ns] is that of each, ``learnt`` what the law knew then, and ``resumed`` [ns] the
-    stamp at which impulses act again, 0 for a verdict that suspends none.
+    ``stamp`` [ns] is that of the verdict, ``learnt`` has the learnt values at it, and ``resumed``
+    [ns] is the stamp at which impulses act again, 0 for a verdict that does not suspend them.
     """
 
     stamp: np.ndarray

@@ -18,7 +18,7 @@ LEAST = 1e-3  # of d_bar: the least damping of a simulated axis is above 0
 
 
 def rounded(value: float, digits: int = DIGITS) -> float:
-    """Return a value with so many significant digits."""
+    """Return a value rounded to ``digits`` significant digits."""
     return float(f'{value:.{digits}g}')
 
 
@@ -62,13 +62,13 @@ def time_step_of(found: Identification) -> float:
 
 
 def delay_of(found: Identification, time_step: float) -> int:
-    """Return the delay of the effort in samples, 0 where it is not seen."""
+    """Return the delay of the effort in samples, 0 if it is not known."""
     delay = found.effort_delay
     return min(round(delay / time_step), MOST_DELAY) if delay > 0.0 else 0
 
 
 def damping_of(found: Identification) -> Damping:
-    """Return the damping: constant, or between its bounds if the blocks spread beyond errors."""
+    """Return the damping: constant, or between bounds if the blocks spread beyond their errors."""
     blocks, (low, _) = found.d_blocks, found.d_range
     high = rounded(found.d_bar)
     low = min(max(rounded(low), LEAST * high), high)

@@ -66,7 +66,7 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what the records are."""
+    """Add the options that describe the records."""
     group = parser.add_argument_group('records')
     group.add_argument(
         '--columns',
@@ -79,18 +79,19 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=float,
         default=1.0,
-        help='newtons of one unit of the effort, e.g. of a current (default: %(default)g)',
+        help='newtons per unit of the effort, e.g. of a current (default: %(default)g)',
     )
     group.add_argument(
         '--effort-held',
         choices=('after', 'before', 'sampled'),
-        help='whether an effort acts over the sample after its time, over that before it, or is '
-        'a sample of a signal in between (default: what the motion shows)',
+        help='whether an effort acts over the sample after its time or the one before it, or is a '
+        'sample of a continuous signal (default: as the motion shows)',
     )
     group.add_argument(
         '--no-offset',
         action='store_true',
-        help='the axis has no constant force, such as gravity: one direction then gives F_c',
+        help='the axis has no constant force, such as gravity: motion in one direction then '
+        'determines F_c',
     )
     for name, what in (('from', 'begin'), ('to', 'end')):
         group.add_argument(
@@ -169,7 +170,7 @@ def require_options(options: argparse.Namespace) -> None:
 
 
 def main(_: StopRequest, arguments: Sequence[str] | None = None) -> int:
-    """Print what is identified and write what is asked for; returns the exit status."""
+    """Print the identified parameters and write the requested files; returns the exit status."""
     options = parsed(arguments)
     from impulse_control_ros.core.identify import identify
     from impulse_control_ros.tools.identify.table import FORMATS
@@ -220,7 +221,7 @@ def write_report(
 
 
 def records_of(options: argparse.Namespace) -> list[Record]:
-    """Read the records, and print what is to be known of them."""
+    """Read the records, and print the notes on them."""
     from impulse_control_ros.files.record_files import read_record, Reading
 
     reading = Reading(
@@ -241,7 +242,7 @@ def records_of(options: argparse.Namespace) -> list[Record]:
 
 
 def requirement_of(options: argparse.Namespace) -> Requirement:
-    """Return what the controller is to do."""
+    """Return the requirement for the controller."""
     from impulse_control_ros.tools.identify.gains import Requirement
 
     return Requirement(

@@ -124,7 +124,7 @@ def timed_designs(
 
 
 def first_at_rest(designs: list[Design], plant: PlantParameters, need: Requirement) -> Design:
-    """Return the first design without impulses at rest, or the first one with least of them."""
+    """Return the first design without impulses at rest, or else the first with the fewest."""
     best: Design | None = None
     for design in designs:
         duration = ticks(3.0 * design.settling_time, plant.time_step) * plant.time_step
@@ -142,7 +142,7 @@ def first_at_rest(designs: list[Design], plant: PlantParameters, need: Requireme
 
 
 def require_force(plant: PlantParameters, need: Requirement) -> None:
-    """Raise `UsageError` for a limit of the effort that cannot move the axis."""
+    """Raise `UsageError` for an effort limit that cannot move the axis."""
     least = max(plant.F_c, plant.stribeck.F_s) + abs(plant.disturbance.force)
     if 0.0 < need.effort_limit <= SPARE * least:
         raise UsageError(
@@ -175,7 +175,7 @@ def stiff_designs(
 def promised(
     found: Identification, plant: PlantParameters, need: Requirement, settling_time: float
 ) -> Iterator[Design]:
-    """Yield the design that promises the time with the least effort, if there is one."""
+    """Yield the design that promises the settling time with the least effort, if any."""
     low, high = damping_range(found)
     known = gains_of(found, plant, need, 1.0, high)
     try:

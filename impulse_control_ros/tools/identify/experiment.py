@@ -74,7 +74,7 @@ def text_of(
 
 
 def lines_of(parameters: Parameters) -> Iterator[str]:
-    """Yield the lines of a node's parameters: what an axis always has, and what is no default."""
+    """Yield the lines of a node's parameters: the basic ones, and those that are not defaults."""
     values, group = parameters.flat(), ''
     for name, default, spec in declared(type(parameters)):
         value = values[name]

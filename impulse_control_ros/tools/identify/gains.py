@@ -1,4 +1,4 @@
-"""The requirement of a user, and the gains of a loop for it: dead bands, alpha_ratio, velocity."""
+"""The requirement of a user, and gains, dead bands and velocity source for it."""
 
 from dataclasses import dataclass, replace
 import math
@@ -21,7 +21,7 @@ SMALL = 1e-3  # of the travel, within which an axis with an ideal sensor has set
 @dataclass(frozen=True, kw_only=True)
 class Requirement:
     """
-    What the loop is to do over a step of ``travel`` [m].
+    The requirement for the loop over a step of ``travel`` [m].
 
     Either ``settling_time`` [s] or ``stiffness`` K [N/m] is given. ``effort_limit`` [N] is that
     of the drive, 0 for none.
@@ -34,7 +34,7 @@ class Requirement:
 
 
 def damping_range(found: Identification, wider: float = ABOVE) -> tuple[float, float]:
-    """Return the range [N s/m] of the recorded damping, made so much wider at each end."""
+    """Return the range [N s/m] of the recorded damping, widened at each end."""
     high = wider * found.d_bar
     return min(max(found.d_range[0] / wider, LEAST * high), high), high
 

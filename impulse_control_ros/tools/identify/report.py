@@ -1,4 +1,4 @@
-"""One HTML page of an identified axis, in the look of that of `analyze --report`."""
+"""An HTML page of an identified axis, in the style of `analyze --report`."""
 
 from collections.abc import Iterator
 from importlib import resources
@@ -20,7 +20,7 @@ MOST_POINTS = 4000  # of the friction; more cannot be told apart
 
 
 def report(found: Identification, records: list[Record], validation: Validation) -> str:
-    """Return the page; it asks for nothing but a browser."""
+    """Return the page, which needs nothing but a browser."""
     facts = {
         'version': __version__,
         'table': [HEADS, *rows_of(found)],
@@ -60,7 +60,7 @@ def lines_of(found: Identification) -> list[tuple[float, float, float]]:
 
 
 def arrays_of(found: Identification, validation: Validation) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield what the page draws, by name, in SI units."""
+    """Yield the data of the page, by name, in SI units."""
     yield 'time', validation.time - validation.time[0]
     yield 'position', validation.position
     yield 'simulated', validation.simulated

@@ -16,7 +16,7 @@ HEADS = ('parameter', 'value', 'unit', '95 % interval', 'share', 'verdict')
 
 
 def as_text(found: Identification, made: IdentifiedExperiment | None) -> str:
-    """Return a table of the parameters, then d(t), and what is ``made`` of the axis."""
+    """Return a table of the parameters, then d(t) and the experiment ``made``, if any."""
     rows = [HEADS, *rows_of(found)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
@@ -96,7 +96,7 @@ def facts_of(found: Identification) -> Iterator[str]:
 
 
 def facts_of_experiment(made: IdentifiedExperiment) -> Iterator[str]:
-    """Yield the lines of an experiment: its gains, and what they will do."""
+    """Yield the lines of an experiment: its gains and the predicted response."""
     design, gains, promise = made.design, made.design.gains, made.promise
     yield (
         f'K = {gains.K:.5g} N/m, D = {gains.D:.5g} N s/m, d_bar = {gains.d_bar:.5g} N s/m, '
@@ -117,7 +117,7 @@ def facts_of_experiment(made: IdentifiedExperiment) -> Iterator[str]:
 
 
 def as_json(found: Identification, made: IdentifiedExperiment | None) -> str:
-    """Return an object; null for what is not known."""
+    """Return a JSON object; unknown values are null."""
     content = asdict(found) | {'is_identified': found.is_identified}
     for name in ('friction', 'sweep'):  # of the report
         del content[name]

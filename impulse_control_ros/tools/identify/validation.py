@@ -1,9 +1,9 @@
 """
-The model against the part of a record that its fit has not seen.
+Validation of the model on a part of a record that was not used for the fit.
 
 The model is identified from the first two thirds of each record. The last third of the longest one
-is then simulated with the recorded effort, anew from the recorded state every SEGMENT seconds, for
-a position without feedback drifts with the smallest error of a force.
+is then simulated with the recorded effort. The simulation restarts from the recorded state every
+SEGMENT seconds, because without feedback the position drifts with the smallest error of a force.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ class Validation:
     """
     Measured and simulated ``position`` [m] at ``time`` [s] of the record ``name``: shape (n,).
 
-    ``seen`` tells whether the fit has seen these samples, because the rest did not identify.
+    ``seen`` is true if the fit used these samples too, because the others did not suffice.
     """
 
     name: str
@@ -65,7 +65,7 @@ def validated(
 
 
 def first_part(record: Record) -> Record:
-    """Return the part of a record that the fit sees."""
+    """Return the part of a record that is used for the fit."""
     start, end = record.time[0], record.time[-1]
     return part(record, start, start + SEEN * (end - start))
 
