@@ -73,7 +73,10 @@ def test_the_batch_benchmark_measures_every_case():
     ).stdout
     result = json.loads(said)
     assert set(result['ns']) == {'python_loop'} | {
-        f'{way}_{plant}' for way in ('scalar', 'batch_1', 'batch_all') for plant in PLANTS
+        f'{way}_{plant}{law}'
+        for way in ('scalar', 'batch_1', 'batch_all')
+        for plant in PLANTS
+        for law in ('', '_supervised')
     }
     assert all(ns > 0 for ns in result['ns'].values())
     assert [(line['runs'], line['steps']) for line in result['growth']] == [

@@ -11,9 +11,9 @@ from time import monotonic, time_ns
 
 import mujoco
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 MODEL = Path(__file__).with_name('axis.xml')
@@ -69,12 +69,13 @@ def run(node: MujocoAxis, executor: EventsExecutor) -> None:
 
 def main() -> None:
     """Run the node until Ctrl-C."""
-    rclpy.init()
+    # Ctrl-C then interrupts Python, and not a publisher
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor = MujocoAxis(), EventsExecutor()
     executor.add_node(node)
     try:
         run(node, executor)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
     finally:
         executor.shutdown()
