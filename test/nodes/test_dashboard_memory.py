@@ -66,6 +66,7 @@ def test_memory_is_flat_and_no_impulse_is_lost(graph, client, tmp_path):
                 break
             client.set('controller', x_r=setpoint)
             time.sleep(PERIOD)
+            browser.execute_cdp_cmd('HeapProfiler.collectGarbage', {})
             server = resident([dashboard.pid])
             memory.append((server, resident(descendants(browser.service.process.pid))))
             heap.append(page.run('return performance.memory.usedJSHeapSize') / 2**20)
