@@ -20,9 +20,9 @@ RESPONSES = """
 ## Of a response
 
 `analyze` measures one response: from the last change of the set-point `x_r` (or the last reset,
-or the first answered state, or the first effort that acts where no command has the stamp of a
-state) to the end of the bag; with `--all` each response. The set-point of each sample comes from
-the recorded controller parameters. The impulsive part of u is its
+or the first answered state) to the end of the bag; with `--all` each response. If no command has
+the stamp of a state, the response begins with the first effort that acts. The set-point of each
+sample comes from the recorded controller parameters. The impulsive part of u is its
 difference from the feedback -K e - D v (within the effort limit), from the sample of an impulse
 until the two are equal again. If the bag has no gains, it is all of u. An integral (`K_i`) is
 not separated: during an impulse it counts as impulsive. A settling time that is not reached is

@@ -11,9 +11,10 @@ from time import monotonic, time_ns
 
 import mujoco
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 MODEL = Path(__file__).with_name('axis.xml')
@@ -69,14 +70,16 @@ def run(node: MujocoAxis, executor: EventsExecutor) -> None:
 
 def main() -> None:
     """Run the node until Ctrl-C."""
-    # Ctrl-C then interrupts Python, and not a publisher
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init()
     node, executor = MujocoAxis(), EventsExecutor()
     executor.add_node(node)
     try:
         run(node, executor)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        if rclpy.ok():  # else Ctrl-C came while it published
+            raise
     finally:
         executor.shutdown()
         node.destroy_node()
