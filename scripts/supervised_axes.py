@@ -18,7 +18,7 @@ from impulse_control_ros.command_line import exit_status, Parser, StopRequest
 from impulse_control_ros.core.metric_catalogue import settling
 from impulse_control_ros.files.sweep_config_file import read_study
 from impulse_control_ros.tools.sweep_summary import quantiles, shown
-from scripts.robustness.__main__ import ran
+from scripts.robustness.__main__ import add_runs, ran
 
 STUDY = Path('scripts', 'studies', 'supervision.yaml')
 SEEDS = (1, 2, 3)
@@ -33,13 +33,7 @@ FIGURES = ('settling', 'overshoot', 'at rest', 'diverged')
 def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = Parser(prog='supervised_axes', description=__doc__)
-    parser.add_argument(
-        '--runs',
-        metavar='FOLDER',
-        type=Path,
-        default=Path('runs'),
-        help='where the results are, or come (default: %(default)s)',
-    )
+    add_runs(parser)
     runs = parser.parse_args(arguments).runs
     of_seeds = [results(runs, seed, stop) for seed in SEEDS]
     print('\n'.join(table(of_seeds)))

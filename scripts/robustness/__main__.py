@@ -44,16 +44,21 @@ def main(stop: StopRequest, arguments: Sequence[str] | None = None) -> int:
         default=Path('scripts', 'studies'),
         help='where robustness_*.yaml are (default: %(default)s)',
     )
+    add_runs(parser)
+    options = parser.parse_args(arguments)
+    renew(options.docs, options.studies, options.runs, stop)
+    return 0
+
+
+def add_runs(parser: Parser) -> None:
+    """Add the option for the folder of the results of studies."""
     parser.add_argument(
         '--runs',
         metavar='FOLDER',
         type=Path,
         default=Path('runs'),
-        help='where their results are, or come (default: %(default)s)',
+        help='where the results are, or come (default: %(default)s)',
     )
-    options = parser.parse_args(arguments)
-    renew(options.docs, options.studies, options.runs, stop)
-    return 0
 
 
 def renew(docs: Path, studies: Path, runs: Path, stop: StopRequest) -> None:
