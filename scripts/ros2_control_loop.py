@@ -17,6 +17,7 @@ import numpy as np
 
 from impulse_control_ros.command_line import exit_status
 from impulse_control_ros.core.control_gains import ControlGains
+from impulse_control_ros.core.metrics import overshoot, peak, settling_time
 from impulse_control_ros.core.plant import Plant
 from impulse_control_ros.core.sampled_controller import SampledController
 from impulse_control_ros.core.simulated_plant import SimulatedPlant
@@ -99,19 +100,17 @@ class Response:
     @property
     def settled(self) -> float:
         """The time [s] from which abs(e) stays within 1 cm; nan if it does not."""
-        outside = np.flatnonzero(np.abs(self.errors) > NEAR)
-        end = outside[-1] + 1 if len(outside) else 0
-        return float(end * self.period) if end < len(self.errors) else np.nan
+        return settling_time(np.arange(len(self.errors)) * self.period, self.errors, NEAR)
 
     @property
     def overshoot(self) -> float:
         """The largest error [m] beyond the set-point, at least 0."""
-        return max(float(self.errors.max()), 0.0)
+        return overshoot(self.errors)
 
     @property
     def excursion(self) -> float:
         """The largest abs(e) over the step."""
-        return float(np.abs(self.errors).max() / self.step)
+        return peak(self.errors) / self.step
 
     @property
     def impulses_at_rest(self) -> float:
