@@ -58,6 +58,16 @@ class Page:
         self.browser.find_element(By.CSS_SELECTOR, f'button[data-do="{what}"]').click()
         return self.until("return document.getElementById('said').textContent", what)
 
+    def undo(self, change):
+        """Press Undo once it offers to set ``change`` back, as in 'K = 10.0'."""
+        self.until(
+            "const {disabled, title} = document.getElementById('undo');"
+            'return !disabled && title.endsWith(arguments[0])',
+            f'undo of {change}',
+            change,
+        )
+        self.browser.find_element(By.ID, 'undo').click()
+
     def text(self, name):
         return self.run('return document.getElementById(arguments[0]).textContent', name)
 

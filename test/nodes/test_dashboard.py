@@ -98,7 +98,7 @@ def test_a_refused_value_shows_the_reason_of_the_node(page):
     page.until(
         "return document.getElementById('controller.K.refused').textContent === ''", 'no refusal'
     )
-    page.browser.find_element(By.ID, 'undo').click()
+    page.undo('K = 10.0')
     page.field('controller.K', '10')
 
 
@@ -143,9 +143,9 @@ def test_suspended_impulses_are_shown_with_the_reason_and_what_is_learnt(page):
     told = LEARNT_MASS.search(page.text('figures'))
     assert float(told[1]) == pytest.approx(0.1, rel=0.01)
     assert {*page.run('return lastFrame.fired')} <= {*GUARDS[1:]}  # verdicts are no impulses
-    page.browser.find_element(By.ID, 'undo').click()
+    page.undo('m = 0.1')
     page.field('controller.m', '0.1')
-    page.browser.find_element(By.ID, 'undo').click()
+    page.undo('learn_mass = True')
     page.until(
         "return document.getElementById('controller.learn_mass').checked", 'the switch set back'
     )
@@ -165,7 +165,7 @@ def test_a_slider_changes_a_gain_in_the_recording_at_a_sample(graph, page, dashb
     assert gain > 10.0
     began = page.time
     page.until('return Number(document.body.dataset.time) > arguments[0]', 'time', began + 0.05)
-    page.browser.find_element(By.ID, 'undo').click()
+    page.undo('K = 10.0')
     page.field('controller.K', '10')
     page.browser.find_element(By.ID, 'record').click()
     link = page.until("return document.querySelector('#recording a')?.href", 'a report')
