@@ -7,11 +7,13 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from impulse_control_ros.core.tick import to_stamp
 from impulse_control_ros.errors import BagError
 from impulse_control_ros.files.topics import RUN_PARAMETERS, SERIES_DEPTH, SLOW_DEPTH
 
+UNDISCOVERED = '_NODE_NAME_UNKNOWN_'  # the node of an endpoint that is discovered before it
 INTERFACE = re.compile(r'^(\w+)/(msg|srv|action)/(\w+)$')
 SERIES_QOS = QoSProfile(depth=SERIES_DEPTH)  # at most one message a sample
 SLOW_QOS = QoSProfile(depth=SLOW_DEPTH)
@@ -33,6 +35,12 @@ def deep_qos(best_effort: bool, latched: bool) -> QoSProfile:
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def publishers_of(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    """Return the publishers of ``topic`` whose nodes are discovered."""
+    found = node.get_publishers_info_by_topic(topic)
+    return [one for one in found if one.node_name != UNDISCOVERED]
 
 
 class Output:

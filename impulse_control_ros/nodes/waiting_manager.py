@@ -3,6 +3,7 @@
 from rclpy.node import Node
 
 from impulse_control_ros.files.topics import CLOCK, IMPULSE_EVENTS, JOINT_COMMANDS
+from impulse_control_ros.nodes.topics import publishers_of
 
 
 def waits_for_time(plant: Node) -> bool:
@@ -15,7 +16,7 @@ def waits_for_time(plant: Node) -> bool:
     if not plant.count_subscribers(CLOCK):
         return False
     commanders, ours = (
-        {(end.node_namespace, end.node_name) for end in plant.get_publishers_info_by_topic(topic)}
+        {(end.node_namespace, end.node_name) for end in publishers_of(plant, topic)}
         for topic in (JOINT_COMMANDS, IMPULSE_EVENTS)
     )
     return bool(commanders) and not commanders & ours

@@ -35,13 +35,12 @@ from impulse_control_ros.nodes.dashboard.recording import Recording
 from impulse_control_ros.nodes.dashboard.requests import Requests
 from impulse_control_ros.nodes.dashboard.server import Server
 from impulse_control_ros.nodes.parameters import ParameterNode
-from impulse_control_ros.nodes.topics import SLOW_QOS
+from impulse_control_ros.nodes.topics import publishers_of, SLOW_QOS
 
 PERIOD = 0.02  # s
 LOOK = 0.5  # s between looks at the graph
 SILENT = 3.0  # s after the last report of a recorder, which has ended then
 ROLES = {'plant': JOINT_STATES, 'controller': JOINT_COMMANDS}
-UNDISCOVERED = '_NODE_NAME_UNKNOWN_'  # of an endpoint that is found before its node
 BAGS = Path('runs')
 LEVELS = {DiagnosticStatus.WARN: 'warning', DiagnosticStatus.ERROR: 'error'}
 
@@ -135,9 +134,7 @@ class Dashboard(ParameterNode):
     def _find(self, role: str, topic: str) -> None:
         """Keep the node of a role while it publishes the topic, but take the active controller."""
         ends: dict[str, set[bytes]] = {}
-        for info in self.get_publishers_info_by_topic(topic):
-            if info.node_name == UNDISCOVERED:
-                continue
+        for info in publishers_of(self, topic):
             name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             ends.setdefault(name, set()).add(bytes(info.endpoint_gid))
         peer = self.peers.get(role)
