@@ -13,6 +13,7 @@ e_floor       `sampled_floor`             m        2 F_c dt / (kappa d_bar), kap
 e_quiet       `quiet_error`               m        e_floor, more where a release is not seen
 t_1           `first_zero_time`           s        first e = 0, from (12)
 v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
+tau           `delay_margin`              s        phase margin over crossover frequency
 ============  ==========================  =======  ============================================
 
 The predictions are closed forms for a start at rest, constant damping and no Coulomb friction,
@@ -24,6 +25,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 import math
+
+import numpy as np
 
 from impulse_control_ros.core.control_gains import ControlGains
 from impulse_control_ros.core.flow import first_zero, flow
@@ -130,6 +133,22 @@ def _start(gains: ControlGains, d: float) -> tuple[float, float, float]:
     return (d + gains.D) / (2.0 * gains.m), gains.K / gains.m, v
 
 
+def delay_margin(gains: ControlGains) -> float:
+    """
+    Return the delay [s] up to which the feedback is stable on an axis without damping.
+
+    The open loop (K + D s + K_i / s) / (m s^2) has the gain 1 at the roots of
+    m^2 w^6 - D^2 w^4 - (K^2 - 2 D K_i) w^2 - K_i^2 = 0. There, the phase is above -pi by the
+    argument of K + j (D w - K_i / w), and a delay takes w times the delay from it. The result is
+    0 if the loop is unstable without a delay. Damping of the axis makes the margin larger.
+    """
+    m, K, D, K_i = gains.m, gains.K, gains.D, gains.K_i
+    squares = np.roots([m**2, -(D**2), 2.0 * D * K_i - K**2, -(K_i**2)])
+    real = squares.real[(abs(squares.imag) <= 1e-9 * abs(squares)) & (squares.real > 0.0)]
+    margins = [math.atan2(D * w - K_i / w, K) / w for w in np.sqrt(real)]
+    return max(min(margins), 0.0)
+
+
 def check_gains(gains: ControlGains, plant: Plant | None = None) -> list[Finding]:
     """Return the findings on ``gains``, including those with the ``plant`` if it is known."""
     found = [*_on_damping(gains), *_on_integral(gains), *_on_guards(gains)]
@@ -160,12 +179,20 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
 
     An impulse at a velocity zero gives the velocity abs(e) d_bar / (c m) (26), so the axis reaches
     the set-point within the time c m / d_bar. An axis that counts as standing may move by
-    velocity_deadband times the delay.
+    velocity_deadband times the delay. Holding an effort for a sample delays the feedback by half
+    a sample more, see `delay_margin`.
     """
     if delay < 1 or not gains.impulses:
         return []
     found, time = [], delay * gains.time_step
     behind = f'the loop delays impulses by {delay} samples, {time:g} s'
+    margin = delay_margin(gains)
+    if time + 0.5 * gains.time_step >= margin:
+        text = (
+            f'{behind}: K = {gains.K:g} N/m and D = {gains.D:g} N s/m are unstable behind more '
+            f'than {margin:.3g} s on an axis without damping; lower both'
+        )
+        found.append(Finding(level=Level.WARNING, text=text))
     if gains.supervision and gains.response_timeout <= 2 * delay:
         text = (
             f'{behind}: response_timeout = {gains.response_timeout} samples may count late jumps '

@@ -27,6 +27,7 @@ class KnownPlants:
         self._logger = logger
         self._values: dict[str, dict[str, Any]] = {}
         self._said: list[Finding] = []
+        self._said_of_delay: list[Finding] = []
         self._adopted = ''
 
     def on_event(self, raw: bytes) -> None:
@@ -65,8 +66,9 @@ class KnownPlants:
         self._log([finding for finding in self._said if finding not in before])
 
     def advise_for_delay(self, gains: ControllerParameters, delay: int) -> None:
-        """Log the findings on ``gains`` for a learnt delay [samples]."""
-        self._log(check_delay(gains, delay))
+        """Log the findings on ``gains`` for a learnt delay [samples], each once."""
+        before, self._said_of_delay = self._said_of_delay, check_delay(gains, delay)
+        self._log([finding for finding in self._said_of_delay if finding not in before])
 
     def _log(self, findings: list[Finding]) -> None:
         for finding in findings:

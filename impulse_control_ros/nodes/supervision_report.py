@@ -56,8 +56,9 @@ class SupervisionReport:
         self.parameters_changed()
 
     def parameters_changed(self) -> None:
-        """Read the mass that the next impulse is computed for."""
+        """Read the mass that the next impulse is computed for, and log findings on the delay."""
         self._used_mass = self._law.learnt().used_mass
+        self._node.plants.advise_for_delay(self._node.parameters, self._delay)
 
     def judged(self, verdict: int, ratio: float) -> None:
         """Log a verdict that suspends impulses, or that differs from the last one in the log."""

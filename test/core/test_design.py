@@ -24,6 +24,7 @@ from impulse_control_ros.core.design import (
     check_gains,
     critical_damping,
     dead_zone,
+    delay_margin,
     first_zero_time,
     least_stiffness,
     Level,
@@ -416,10 +417,32 @@ def test_with_an_integral_no_dead_zone_is_claimed():
 
 
 @pytest.mark.parametrize(
+    'gains',
+    [PD, replace(PD, K=40.0, D=2.0), replace(PD, m=0.05), replace(PD, D=2.0, K_i=30.0)],
+)
+def test_the_feedback_is_stable_up_to_the_delay_margin(gains):
+    def grows(delay):
+        samples = round(delay * delay_margin(gains) / gains.time_step)
+        axis = Plant(x_0=0.1, damping=Damping(value=1e-9), actuator=Actuator(delay=samples))
+        run = simulate(replace(axis, m=gains.m, F_c=0.0), gains, duration=8.0)
+        halves = np.split(np.abs(run.position), [len(run.position) // 2])
+        return halves[1].max() > halves[0].max()
+
+    assert [grows(0.95), grows(1.05)] == [False, True]
+
+
+def test_an_integral_that_is_unstable_has_no_delay_margin():
+    assert delay_margin(replace(PD, K_i=49.0)) > 0.0
+    assert delay_margin(replace(PD, K_i=51.0)) == 0.0
+    assert delay_margin(replace(PD, D=0.0)) == 0.0
+
+
+@pytest.mark.parametrize(
     ('gains', 'delay', 'text'),
     [
         ({'effort_limit': 50.0}, 3, 'the loop delays impulses by 3 samples, 0.0003 s'),
         ({'effort_limit': 50.0}, 500, 'response_timeout = 1000 samples .* above 1000'),
+        ({'effort_limit': 50.0}, 459, 'K = 10 N/m and D = 0.5 N s/m are unstable .* 0.0459 s'),
         ({'effort_limit': 50.0}, 1400, 'across the set-point in this time; .* = 1.05 must'),
         ({'effort_limit': 50.0, 'velocity_deadband': 0.1}, 10, 'is below 0.0001 m'),
         ({}, 1, 'effort_limit = 0 lets a wrong impulse act in full'),

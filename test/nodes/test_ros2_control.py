@@ -43,9 +43,11 @@ def test_behind_a_manager_of_500_hz_and_5_ms_the_axis_moves_as_simulated_and_the
     assert_moves_as_simulated(robot, DelayedAxis(500), 2)
     report = client.reported('controller', learnt_delay='0.006')
     assert float(report['learnt_mass']) == pytest.approx(0.1, rel=0.05)
-    for node in (recorder, process):
-        assert node.interrupt() == 0, node.output
+    assert recorder.interrupt() == 0, recorder.output
     assert process.output.count('the loop delays impulses by 3 samples, 0.006 s') == 1
+    assert client.set('controller', effort_limit=0.0).successful
+    process.says('0.006 s: effort_limit = 0 lets a wrong impulse act in full')
+    assert process.interrupt() == 0, process.output
     assert process.output.count('[WARN]') == 1  # D is above the critical one
     assert_replays(bag, '--controller')
 
