@@ -25,6 +25,7 @@ from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 
 PIECES = 4
+LEAST = 1e-290  # m/s; a lower speed counts as rest, for quotients by it overflow
 SHORT = 1e-2  # value of abs(z) below which a series is more accurate than exp
 
 
@@ -70,6 +71,8 @@ def stribeck_step(position, velocity, force, damping, m, friction, rest_friction
     v_s. Returns (position, velocity).
     """
     slope = (rest_friction - friction) / fast
+    if abs(velocity) < LEAST:
+        velocity = 0.0
     for _ in range(PIECES):
         if velocity == 0.0 and abs(force) <= rest_friction:
             break
