@@ -37,6 +37,7 @@ class Peer:
         self._last: Future[Any] | None = None
         self._loaded: frozenset[bytes] | None = None
         self._wanted: frozenset[bytes] = frozenset()
+        self._changed: dict[str, Any] = {}  # since the present load began
 
     def look(self, ends: frozenset[bytes]) -> None:
         """
@@ -46,7 +47,7 @@ class Peer:
         """
         if self._loading is None:
             if self._loaded != ends:
-                self._wanted = ends
+                self._wanted, self._changed = ends, {}
                 self._last = self._loading = self._worker.submit(self._load)
         elif self._loading.done():
             loading, self._loading = self._loading, None
@@ -55,6 +56,7 @@ class Peer:
                 described, self.values = loading.result()
                 self.described = {one.name: one for one in described}
                 self.version += 1
+                self.changed(self._changed)
 
     def _load(self) -> Loaded:
         names = [name for name in self._client.list() if not is_foreign(name)]
@@ -75,6 +77,7 @@ class Peer:
 
     def changed(self, values: Mapping[str, Any]) -> None:
         """Take changed values of the node."""
+        self._changed |= values
         ours = {name: value for name, value in values.items() if name in self.described}
         if ours:
             self.values = self.values | ours
