@@ -108,6 +108,9 @@ class Client:
             )
 
         self.spin_until(matched, f'{heard_by} on {topic}')
+        for name in heard_by:  # one that answers a later client has discovered this publisher
+            self._services.pop(f'/{name}/get_parameters', None)
+            self.get(name, 'use_sim_time')
         return made
 
     def reports(self, node: str) -> dict[str, str]:

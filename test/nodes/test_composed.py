@@ -35,10 +35,10 @@ def test_a_composed_run_takes_nothing_from_the_graph_and_is_recorded_from_outsid
     recorder = graph.start('recorder', config=UNDERDAMPED, bag=graph.folder / 'outside')
     client.reported('plant_simulator', recorders=2)
     client.spin_until(lambda: outside.get_subscription_count(), 'the recorder outside')
-    for state in states[-10:]:
+    for state in states[-20:-10]:  # whose commands are out
         outside.publish(JointState(header=state.header, name=['axis'], effort=[1000.0]))
     begun = len(states)
-    client.spin_until(lambda: len(states) > begun + 100, 'more states')
+    client.spin_until(lambda: len(states) > begun + 200, 'more states')
     # the one outside alone hears of commands and states
     assert outside.get_subscription_count() == 1
     assert client.node.count_subscribers('/joint_states') == 2

@@ -60,7 +60,7 @@ def test_of_two_controllers_that_start_at_once_one_acts_and_the_other_is_silent(
 
 
 def test_a_controller_that_stands_by_sends_nothing_however_the_run_is_disturbed(graph, client):
-    run = Run(graph, client)
+    run = Run(graph, client, plant_simulator={'command_timeout': 60.0})
     commands = client.listen('/joint_commands', JointState)
     other = run.start('controller', 'other')
     client.spin_until(lambda: client.count_of('other', 'standby'), 'who stands by')

@@ -98,7 +98,7 @@ def whole_messages(bag):
 
 
 def test_a_killed_recorder_is_released_and_one_that_is_started_again_misses_nothing(graph, client):
-    run = Run(graph, client, plant_simulator={'recorder_timeout': 1.0, 'real_time_factor': 0.5})
+    run = Run(graph, client, plant_simulator={'recorder_timeout': 4.0, 'real_time_factor': 0.5})
     run.reach(4000)  # at least one chunk, although the recorder may be WINDOW behind
     run.recorder.kill()
     run.reach(2000)  # more than the plant may be ahead of it

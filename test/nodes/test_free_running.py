@@ -193,7 +193,7 @@ def test_a_recorded_run_of_a_free_plant_replays_from_its_states_whatever_the_loa
     client.recorded(commands=2)  # the plant and the recorder
     client.activate()
     with busy_loops(2):
-        client.spin_until(lambda: len(states) > 100 and controller_of(states[-1]), 'states')
+        client.spin_until(lambda: len(states) > 100 and controller_of(states[-50]), 'states')
         for process in (plant, recorder, controller):
             assert process.interrupt() == 0, process.output
     run = read_bag(bag)

@@ -60,6 +60,7 @@ def test_gains_and_set_point_act_at_the_next_sample_and_are_told(graph, client, 
     assert client.set('controller', K=12, D=0.25, x_r=0.1).successful
     assert client.get('controller', 'K', 'D', 'x_r') == [12.0, 0.25, 0.1]
     assert client.set('plant_simulator', m=0.2).successful
+    client.spin_until(lambda: len(told) >= 4, 'what is told')
     run = finish(client, process, states)
     assert_replays(graph.folder / 'bag')
     plant, controller, gains, mass = sorted(
@@ -298,7 +299,7 @@ def test_clock_damping_and_diagnostics_are_published(graph, client):
         'clock, damping, diagnostics',
     )
     steps = np.diff([message.clock.sec * SECOND + message.clock.nanosec for message in clock])
-    assert (steps == SECOND // 100).all()
+    assert {*steps.tolist()} - {0} == {SECOND // 100}  # a repeated state repeats its clock
     assert all(0.15 <= message.data <= 1.5 for message in damping)
     plant = client.reported('plant_simulator')
     assert {

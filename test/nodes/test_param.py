@@ -146,12 +146,16 @@ def test_an_unknown_parameter_is_named_with_the_one_that_may_be_meant(param):
     )
 
 
-def test_a_node_that_is_not_there_is_named_with_those_that_are(param):
+def test_a_node_that_is_not_there_is_named_with_those_that_are(param, values):
+    values('controller', 'K')  # its client is a node too
+
     def told():
         status, out, said = param('get', '/controler', 'K', patience=('--timeout', '0.5'))
         assert (status, out) == (1, '')
         assert said.startswith('param: Node not found: /controler within 0.5 s; ')
-        return said.endswith('the nodes found are /controller, /plant_simulator, /recorder\n')
+        return said.endswith(
+            'the nodes found are /controller, /plant_simulator, /recorder, /test_client\n'
+        )
 
     wait_for(told, 'the nodes that are there')
 

@@ -156,8 +156,12 @@ def foreign_states(client, count, start=START):
 
         client.spin_until(answers, f'the answer to state {k}')
         first += answers()[:1]
-    states.publish(state)
-    client.spin_until(lambda: len(answers()) > 1, 'the last answer once more')
+
+    def repeated():
+        states.publish(state)
+        return len(answers()) > 1
+
+    client.spin_until(repeated, 'the last answer once more')
     assert all(one == first[-1] for one in answers())
     return first
 

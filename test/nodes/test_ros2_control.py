@@ -40,6 +40,8 @@ def test_behind_a_manager_of_500_hz_and_5_ms_the_axis_moves_as_simulated_and_the
     recorder = graph.start('recorder', config=CONFIG, bag=bag)
     robot = Robot(client, DelayedAxis(500))
     client.reported('recorder', written=0)
+    client.recorded(commands=2)  # this client and the recorder
+    client.spin_until(lambda: client.node.count_subscribers('/joint_states') == 2, 'both')
     assert_moves_as_simulated(robot, DelayedAxis(500), 2)
     report = client.reported('controller', learnt_delay='0.006')
     assert float(report['learnt_mass']) == pytest.approx(0.1, rel=0.05)
@@ -61,7 +63,7 @@ def test_at_1_khz_with_a_sixth_of_the_states_lost_the_axis_moves_as_simulated(gr
 
 
 def test_the_last_effort_is_zero_on_deactivation_without_states_and_at_the_end(graph, client):
-    process = controller(graph, lifecycle=True, state_timeout=0.2)
+    process = controller(graph, lifecycle=True)
     robot = Robot(client, DelayedAxis(500))
     client.activate()
     robot.respond(0.5, 0.05)
@@ -70,7 +72,9 @@ def test_the_last_effort_is_zero_on_deactivation_without_states_and_at_the_end(g
         return robot.arrays and [*robot.arrays[-1].data] == [0.0, 0.0]
 
     assert not last_is_zero()
+    assert client.set('controller', state_timeout=0.2).successful
     client.spin_until(last_is_zero, '0 N without states')
+    assert client.set('controller', state_timeout=0.0).successful
     robot.respond(0.5, 0.05)
     robot.arrays.clear()
     assert client.change_state(Transition.TRANSITION_DEACTIVATE) == 'inactive'
