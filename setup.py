@@ -59,7 +59,7 @@ setup(
         'test': [
             'pytest<9',
             'pytest-xdist',
-            'hypothesis',
+            'hypothesis>=6.135',  # test/conftest.py replaces a function of it
             'ipykernel',
             'mpmath',
             'mypy',

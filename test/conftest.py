@@ -20,6 +20,7 @@ settings.register_profile(
 settings.load_profile('quick')
 if 'IMPULSE_SOAK' not in os.environ:
     # hypothesis also draws the literals of the modules loaded so far, which differ from run to run
+    assert hasattr(providers, '_get_local_constants')
     providers._get_local_constants = lambda: providers._local_constants
 
 

@@ -13,7 +13,7 @@ e_floor       `sampled_floor`             m        2 F_c dt / (kappa d_bar), kap
 e_quiet       `quiet_error`               m        e_floor, more where a release is not seen
 t_1           `first_zero_time`           s        first e = 0, from (12)
 v_max         `peak_speed`                m/s      largest abs(v) until then, from (12)
-tau           `delay_margin`              s        phase margin over crossover frequency
+tau           `delay_margin`              s        least phase margin over crossover frequency
 ============  ==========================  =======  ============================================
 
 The predictions are closed forms for a start at rest, constant damping and no Coulomb friction,
@@ -22,7 +22,7 @@ core/promise.py states what holds for any course of the damping.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 import math
 
@@ -140,12 +140,14 @@ def delay_margin(gains: ControlGains) -> float:
     The open loop (K + D s + K_i / s) / (m s^2) has the gain 1 at the roots of
     m^2 w^6 - D^2 w^4 - (K^2 - 2 D K_i) w^2 - K_i^2 = 0. There, the phase is above -pi by the
     argument of K + j (D w - K_i / w), and a delay takes w times the delay from it. The result is
-    0 if the loop is unstable without a delay. Damping of the axis makes the margin larger.
+    the least over the roots, and 0 if the loop is unstable without a delay. Damping of the axis
+    makes the margin larger if K_i = 0; with an integral it may make it smaller.
     """
-    m, K, D, K_i = gains.m, gains.K, gains.D, gains.K_i
-    squares = np.roots([m**2, -(D**2), 2.0 * D * K_i - K**2, -(K_i**2)])
+    unit = math.sqrt(gains.K) / math.sqrt(gains.m)  # rad/s
+    D, K_i = gains.D * unit / gains.K, gains.K_i / unit / gains.K
+    squares = np.roots([1.0, -D * D, 2.0 * D * K_i - 1.0, -K_i * K_i])
     real = squares.real[(abs(squares.imag) <= 1e-9 * abs(squares)) & (squares.real > 0.0)]
-    margins = [math.atan2(D * w - K_i / w, K) / w for w in np.sqrt(real)]
+    margins = [math.atan2(D * w - K_i / w, 1.0) / (unit * w) for w in np.sqrt(real)]
     return max(min(margins), 0.0)
 
 
@@ -179,20 +181,15 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
 
     An impulse at a velocity zero gives the velocity abs(e) d_bar / (c m) (26), so the axis reaches
     the set-point within the time c m / d_bar. An axis that counts as standing may move by
-    velocity_deadband times the delay. Holding an effort for a sample delays the feedback by half
-    a sample more, see `delay_margin`.
+    velocity_deadband times the delay.
     """
     if delay < 1 or not gains.impulses:
         return []
     found, time = [], delay * gains.time_step
     behind = f'the loop delays impulses by {delay} samples, {time:g} s'
-    margin = delay_margin(gains)
-    if time + 0.5 * gains.time_step >= margin:
-        text = (
-            f'{behind}: K = {gains.K:g} N/m and D = {gains.D:g} N s/m are unstable behind more '
-            f'than {margin:.3g} s on an axis without damping; lower both'
-        )
-        found.append(Finding(level=Level.WARNING, text=text))
+    found += [
+        Finding(level=Level.WARNING, text=f'{behind}: {one}') for one in _on_delay(gains, time)
+    ]
     if gains.supervision and gains.response_timeout <= 2 * delay:
         text = (
             f'{behind}: response_timeout = {gains.response_timeout} samples may count late jumps '
@@ -217,6 +214,24 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
         text = f'{behind}: effort_limit = 0 lets a wrong impulse act in full; set a limit'
         found.append(Finding(level=Level.NOTE, text=text))
     return found or [Finding(level=Level.NOTE, text=behind)]
+
+
+def _on_delay(gains: ControlGains, time: float) -> Iterator[str]:
+    """Compare a delay [s] with `delay_margin`; holding an effort is half a sample of delay."""
+    held = 0.5 * gains.time_step
+    most = max(delay_margin(gains) - held, 0.0)
+    if time < most:
+        return
+    if gains.K_i > 0.0 and time < delay_margin(replace(gains, K_i=0.0)) - held:
+        remedy = 'lower K_i'
+    elif gains.K * (time + held) < gains.D:  # the margin tends to D / K as both are lowered
+        remedy = 'lower K and D'
+    else:
+        remedy = 'lower K or raise D'
+    yield (
+        f'with K = {gains.K:g} N/m, D = {gains.D:g} N s/m and K_i = {gains.K_i:g} N/(m s), the '
+        f'feedback of an axis without damping is unstable from a delay of {most:.3g} s; {remedy}'
+    )
 
 
 def _on_damping(gains: ControlGains) -> Iterator[Finding]:

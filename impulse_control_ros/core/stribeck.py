@@ -25,7 +25,7 @@ from impulse_control_ros.core.jit import compiled, sign
 from impulse_control_ros.core.parameter import parameter, Parameters
 
 PIECES = 4
-LEAST = 1e-290  # m/s; a lower speed counts as rest, for quotients by it overflow
+LEAST = 1e-290  # m/s; a lower speed counts as rest: its deceleration is too small to divide by
 SHORT = 1e-2  # value of abs(z) below which a series is more accurate than exp
 
 

@@ -442,7 +442,10 @@ def test_an_integral_that_is_unstable_has_no_delay_margin():
     [
         ({'effort_limit': 50.0}, 3, 'the loop delays impulses by 3 samples, 0.0003 s'),
         ({'effort_limit': 50.0}, 500, 'response_timeout = 1000 samples .* above 1000'),
-        ({'effort_limit': 50.0}, 459, 'K = 10 N/m and D = 0.5 N s/m are unstable .* 0.0459 s'),
+        ({}, 459, 'unstable from a delay of 0.0459 s; lower K and D'),
+        ({'D': 0.05}, 60, 'unstable from a delay of 0.00495 s; lower K or raise D'),
+        ({'D': 0.0}, 1, 'unstable from a delay of 0 s; lower K or raise D'),
+        ({'K_i': 51.0}, 5, 'K_i = 51 .* unstable from a delay of 0 s; lower K_i'),
         ({'effort_limit': 50.0}, 1400, 'across the set-point in this time; .* = 1.05 must'),
         ({'effort_limit': 50.0, 'velocity_deadband': 0.1}, 10, 'is below 0.0001 m'),
         ({}, 1, 'effort_limit = 0 lets a wrong impulse act in full'),
@@ -451,5 +454,6 @@ def test_an_integral_that_is_unstable_has_no_delay_margin():
 def test_a_learnt_delay_is_told_with_what_it_asks_of_the_gains(gains, delay, text):
     found = [finding.text for finding in check_delay(ControlGains(**gains), delay)]
     assert any(re.search(text, one) for one in found)
+    assert not any('unstable' in one.text for one in check_delay(ControlGains(), 458))
     assert check_delay(ControlGains(**gains), 0) == []
     assert check_delay(ControlGains(impulses=False), delay) == []

@@ -73,7 +73,7 @@ def test_with_no_more_friction_at_rest_it_is_coulombs(velocity, force, duration)
 @settings(max_examples=300, deadline=None)
 @given(velocities, forces, st.floats(1e-9, 1.0))
 @example(5e-324, 1.5625, 0.25)  # a product of these signs is 0
-@example(-5e-324, -1.6, 0.25)  # a quotient by this speed overflows
+@example(-5e-324, -1.6, 0.25)  # a quotient by the acceleration overflows
 def test_friction_only_takes_energy(velocity, force, duration):
     position, after = stribeck_step(
         0.0, velocity, force, 0.15, M, F_C, F_S, 1e-6 if duration < 0.5 else FAST, duration
