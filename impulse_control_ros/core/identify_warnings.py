@@ -41,7 +41,7 @@ def warnings_on(facts: Facts) -> Iterator[str]:
     if model.is_one_way(window):
         yield 'the motion has one direction only: friction and damping of the other are not seen'
     if found.count < LEAST_PARTS:
-        yield f'the motion is short: the errors rest on {found.count} parts of it'
+        yield f'the motion is short: the intervals follow from only {found.count} parts of it'
     weak = model.attenuation(window)
     if weak > ATTENUATION:
         yield (
@@ -110,4 +110,4 @@ def advice_for(facts: Facts) -> Iterator[str]:
     if not all(parameters[name].is_identified for name in ('d', 'F_c')):
         yield 'move at three speeds or more in both directions, for 5 to 10 s'
     if facts.bound_verdict != IDENTIFIED and shown_time(facts.blocks) < LEAST_BLOCKS:
-        yield 'move faster and for longer: only motion shows d'
+        yield 'move faster and for longer: d is only seen while the axis moves'

@@ -102,11 +102,11 @@ def promise_of(
 def _predicted(
     gains: ControlGains, high: float, error: float, effort: float, F_c: float
 ) -> Iterator[str]:
-    """Yield what is not in the argument."""
+    """Yield what the argument does not cover."""
     if F_c > 0.0:
         yield (
-            f'the Coulomb friction of {F_c:g} N is not in the argument: it delays the first zero, '
-            f'or stops the axis before it within {F_c / gains.K:g} m'
+            f'the prediction ignores the Coulomb friction of {F_c:g} N, which delays the first '
+            f'zero, or stops the axis up to {F_c / gains.K:.3g} m short of the set-point'
         )
     if 0.0 < gains.effort_limit < effort:
         yield (
@@ -121,7 +121,7 @@ def _predicted(
             'sampled loop may turn before the zero'
         )
     if gains.K_i > 0.0:
-        yield f'K_i = {gains.K_i:g} N/(m s) is not in the argument'
+        yield f'the prediction ignores K_i = {gains.K_i:g} N/(m s)'
     if abs(error) <= gains.position_deadband:
         yield f'the error is within position_deadband = {gains.position_deadband:g} m'
 

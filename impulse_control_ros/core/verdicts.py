@@ -157,8 +157,8 @@ def bound_verdict(
         return f'{REFUSED}m is not identified'
     if shown_time(blocks) < LEAST_BLOCKS:
         return (
-            f'{REFUSED}only {shown_time(blocks):.2g} s of the motion show d to 15 %, at least '
-            f'{LEAST_BLOCKS:g} s'
+            f'{REFUSED}only {shown_time(blocks):.2g} s of the motion determine d to 15 %; '
+            f'at least {LEAST_BLOCKS:g} s are needed'
         )
     return IDENTIFIED
 

@@ -96,9 +96,12 @@ class Socket(Guarded, WebSocketHandler):
     def send(self, message: Mapping[str, Any]) -> None:
         """Send a message, unless the window is gone."""
         try:
-            self.write_message(json.dumps(message, allow_nan=False))
+            sent = self.write_message(json.dumps(message, allow_nan=False))
         except WebSocketClosedError:
             self.on_close()
+        else:
+            # asyncio logs an exception that nobody reads; a window may close during the transfer
+            sent.add_done_callback(lambda one: one.cancelled() or one.exception())
 
     def on_close(self) -> None:
         """Forget the window."""
