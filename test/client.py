@@ -49,9 +49,7 @@ class Client:
         if service not in self._services:
             self._services[service] = self.node.create_client(kind, service)
             if once:
-                parameters = f'{service.rpartition("/")[0]}/get_parameters'
-                self._services.pop(parameters, None)
-                self.call(parameters, GetParameters)
+                self._discovered_by(service.rpartition('/')[0])
         client = self._services[service]
         self.spin_until(client.service_is_ready, f'service {service}')
         calls, asked = [], 0.0
@@ -64,6 +62,12 @@ class Client:
             return [call for call in calls if call.done()]
 
         return self.spin_until(answered, f'response of {service}')[0].result()
+
+    def _discovered_by(self, node: str) -> None:
+        """Serve until a node has answered a new client: it has discovered what was made before."""
+        parameters = f'{node}/get_parameters'
+        self._services.pop(parameters, None)
+        self.call(parameters, GetParameters)
 
     def set(self, target: str, **values: object) -> SetParametersResult:
         """Set parameters of a node, all or none."""
@@ -108,9 +112,8 @@ class Client:
             )
 
         self.spin_until(matched, f'{heard_by} on {topic}')
-        for name in heard_by:  # one that answers a later client has discovered this publisher
-            self._services.pop(f'/{name}/get_parameters', None)
-            self.get(name, 'use_sim_time')
+        for name in heard_by:
+            self._discovered_by(f'/{name}')
         return made
 
     def reports(self, node: str) -> dict[str, str]:

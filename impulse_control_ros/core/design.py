@@ -185,9 +185,9 @@ def check_delay(gains: ControlGains, delay: int) -> list[Finding]:
     """
     if delay < 1 or not gains.impulses:
         return []
-    found, time = [], delay * gains.time_step
+    time = delay * gains.time_step
     behind = f'the loop delays impulses by {delay} samples, {time:g} s'
-    found += [
+    found = [
         Finding(level=Level.WARNING, text=f'{behind}: {one}') for one in _on_delay(gains, time)
     ]
     if gains.supervision and gains.response_timeout <= 2 * delay:

@@ -63,15 +63,17 @@ class KnownPlants:
         if values and gains.max_age:
             text = f'max_age has no effect on the states of {values[NAME]}: set it there'
             self._said.append(Finding(level=Level.NOTE, text=text))
-        self._log([finding for finding in self._said if finding not in before])
+        self._log(self._said, before)
 
     def advise_for_delay(self, gains: ControllerParameters, delay: int) -> None:
         """Log the findings on ``gains`` for a learnt delay [samples], each once."""
         before, self._said_of_delay = self._said_of_delay, check_delay(gains, delay)
-        self._log([finding for finding in self._said_of_delay if finding not in before])
+        self._log(self._said_of_delay, before)
 
-    def _log(self, findings: list[Finding]) -> None:
+    def _log(self, findings: list[Finding], before: list[Finding]) -> None:
         for finding in findings:
+            if finding in before:
+                continue
             # rclpy allows one severity per call site
             if finding.level is Level.NOTE:
                 self._logger.info(finding.text)
